@@ -103,9 +103,8 @@ class BlockNormal:
             reduced = (
                 np.tensordot(self.coupling @ inverse, self.coupling, ([0, 2], [0, 2])) if len(d) else 0.0
             )
-            carried = (
-                np.einsum("bfk,bkl,bl->f", self.coupling, inverse, self.block_gradients) if len(d) else 0.0
-            )
+            inner = (inverse @ self.block_gradients[..., None])[..., 0] if len(d) else self.block_gradients
+            carried = np.einsum("bfk,bk->f", self.coupling, inner) if len(d) else 0.0
             factor = np.linalg.cholesky(a - reduced)
         except np.linalg.LinAlgError:
             return None

@@ -6,8 +6,10 @@ The points are eliminated from every normal equation (Triggs et al., Bundle adju
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from camcal.geometry import rotations
 from camcal.least_squares.blocks import BlockNormal, Fitted, bounded_inverse, minimise
@@ -94,15 +96,14 @@ class _Problem:
     """The blocks of the normal equations: poses of the views first, then the camera; points eliminated."""
 
     def __init__(self, start: Bundle, tracks: Tracks, free: Array, scale: float | None):
-        self.tracks, self.free, self.scale = tracks, free, scale
-        self.views = np.flatnonzero(np.bincount(tracks.view, minlength=len(start.rotations)))
-        self.points = np.flatnonzero(np.bincount(tracks.point, minlength=len(start.points)))
-        place = np.full(len(start.rotations), -1)
-        place[self.views] = np.arange(len(self.views))
-        self.view = place[tracks.view]
-        place = np.full(len(start.points), -1)
-        place[self.points] = np.arange(len(self.points))
-        self.point = place[tracks.point]
+        self.tracks = tracks = tracks.take(np.argsort(tracks.view, kind="stable"))
+        self.free, self.scale = free, scale
+        self.views, begin = np.unique(tracks.view, return_index=True)
+        self.points, point = np.unique(tracks.point, return_inverse=True)
+        self.rows = [slice(a, b) for a, b in pairwise([*begin.tolist(), len(tracks)])]
+        view = np.repeat(np.arange(len(self.views)), np.diff([*begin, len(tracks)]))
+        self.cells, cell = np.unique(point * len(self.views) + view, return_inverse=True)
+        self.of_points, self.of_cells = _summation(point, len(self.points)), _summation(cell, len(self.cells))
 
     def linearise(self, bundle: Bundle) -> BlockNormal | None:
         tracks = self.tracks
@@ -122,45 +123,31 @@ class _Problem:
             root = 1 / np.sqrt(1 + squares)
             r = r * root[:, None]
             by_pose, by_point, by_camera = (j * root[:, None, None] for j in (by_pose, by_point, by_camera))
-        return self._normal(cost, r, by_pose, by_camera, by_point)
+        return self._normal(cost, np.concatenate([by_pose, by_camera, by_point, r[..., None]], 2))
 
-    def _normal(
-        self, cost: float, r: Array, by_pose: Array, by_camera: Array, by_point: Array
-    ) -> BlockNormal:
+    def _normal(self, cost: float, jacobian: Array) -> BlockNormal:
+        """The sums of products of the columns (N, 2, 6 + C + 3 + 1): pose, camera, point, residual."""
         v, p, c = len(self.views), len(self.points), self.free.shape[1]
-        size = 6 * v + c
-
-        def sums(index: Array, values: Array, count: int) -> Array:
-            out = np.zeros((count, *values.shape[1:]))
-            np.add.at(out, index, values)
-            return out
-
-        def product(a: Array, b: Array) -> Array:
-            return np.swapaxes(a, 1, 2) @ b
-
-        shared, gradient = np.zeros((size, size)), np.zeros(size)
-        own = sums(self.view, product(by_pose, by_pose), v)
-        for i in range(v):
-            shared[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = own[i]
-        cross = sums(self.view, product(by_pose, by_camera), v).reshape(6 * v, c)
-        shared[: 6 * v, 6 * v :], shared[6 * v :, : 6 * v] = cross, cross.T
-        flat = by_camera.reshape(2 * len(r), c)
-        shared[6 * v :, 6 * v :] = flat.T @ flat
-        gradient[: 6 * v] = sums(self.view, product(by_pose, r[..., None])[..., 0], v).ravel()
-        gradient[6 * v :] = flat.T @ r.ravel()
-        coupling = np.zeros((p, size, 3))
-        by_view = coupling[:, : 6 * v].reshape(p, v, 6, 3)
-        np.add.at(by_view, (self.point, self.view), product(by_pose, by_point))
-        coupling[:, : 6 * v] = by_view.reshape(p, 6 * v, 3)
-        coupling[:, 6 * v :] = sums(self.point, product(by_camera, by_point), p)
-        return BlockNormal(
-            cost,
-            shared,
-            gradient,
-            coupling,
-            sums(self.point, product(by_point, by_point), p),
-            sums(self.point, product(by_point, r[..., None])[..., 0], p),
-        )
+        shared, gradient = np.zeros((6 * v + c, 6 * v + c)), np.zeros(6 * v + c)
+        per_view = np.concatenate([jacobian[..., : 6 + c], jacobian[..., -1:]], 2)
+        camera, end = slice(6 * v, None), slice(6, 6 + c)
+        for i, rows in enumerate(self.rows):
+            own = per_view[rows].reshape(-1, 7 + c)
+            square, pose = own.T @ own, slice(6 * i, 6 * i + 6)
+            shared[pose, pose], shared[pose, camera] = square[:6, :6], square[:6, end]
+            shared[camera, camera] += square[end, end]
+            gradient[pose] = square[:6, -1]
+            gradient[camera] += square[end, -1]
+        shared[camera, : 6 * v] = shared[: 6 * v, camera].T
+        by_point = jacobian[:, :, 6 + c : 9 + c, None]
+        products = sum(by_point[:, k] * jacobian[:, k, None] for k in range(2))  # (N, 3, 10 + C)
+        sums = _summed(self.of_points, products[:, :, 6:])
+        coupling = np.zeros((p, 6 * v + c, 3))
+        poses = np.zeros((p * v, 6, 3))
+        poses[self.cells] = np.swapaxes(_summed(self.of_cells, products[:, :, :6]), 1, 2)
+        coupling[:, : 6 * v] = poses.reshape(p, 6 * v, 3)
+        coupling[:, 6 * v :] = np.swapaxes(sums[:, :, :c], 1, 2)
+        return BlockNormal(cost, shared, gradient, coupling, sums[:, :, c : c + 3], sums[:, :, -1])
 
     def moved(self, bundle: Bundle, shared: Array, own: Array) -> Bundle:
         v = len(self.views)
@@ -171,6 +158,15 @@ class _Problem:
         points[self.points] += own
         camera = replace(bundle.camera, params=bundle.camera.params + self.free @ shared[6 * v :])
         return Bundle(camera, r, t, points)
+
+
+def _summation(index: Array, count: int) -> csr_array:
+    """The matrix (count, N) that adds the rows of each index."""
+    return csr_array((np.ones(len(index)), (index, np.arange(len(index)))), (count, len(index)))
+
+
+def _summed(summation: csr_array, values: Array) -> Array:
+    return (summation @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
 
 
 def freedom(tracks: Tracks, free: Array) -> int:

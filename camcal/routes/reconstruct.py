@@ -27,8 +27,9 @@ PAIRS = 12
 #: fraction of the picture's width; images farther from their points are excluded during the reconstruction, when poses
 #: and focal length are still approximate
 ROUGH = 0.02
-#: views added between two adjustments of all
-EVERY = 4
+#: views added between two adjustments of all, and as a fraction of those known: the adjustments of 100 views then take
+#: as long as the last one three times, not ten times
+EVERY, EVERY_SHARE = 4, 0.2
 #: points of a view: three determine its pose, up to four solutions; the fourth decides
 LEAST_SEEN = 4
 #: medians of the residuals (1.7 σ each way), and px: residuals of exact images are rounding
@@ -127,7 +128,8 @@ def grow(bundle: Bundle, tracks: Tracks, free: Array) -> Bundle:
         r[best], t[best] = pose.rotation, pose.translation
         bundle = with_points(replace(bundle, rotations=r, translations=t), tracks)
         since += 1
-        if since >= EVERY or bundle.known_views.sum() <= 2 * EVERY:
+        count = int(bundle.known_views.sum())
+        if since >= max(EVERY, EVERY_SHARE * count) or count <= 2 * EVERY:
             bundle, since = settled(bundle, tracks, free), 0
 
 

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from camcal.cli.group import camcal
-from camcal.detect.matches import Points
+from camcal.detect.matches import Points, points_of
 from camcal.errors import DataError, EstimationError
 from camcal.geometry import rotations
 from camcal.routes.picture_tracks import MOST_TRACKS, _Joined, _pairs, _tracks, of_pictures
@@ -100,3 +100,24 @@ def test_pictures_without_a_common_scene_are_refused(tmp_path):
     cv2.imwrite(str(tmp_path / "c.png"), textured(2)[:400])
     with pytest.raises(DataError, match="640x480 is needed"):
         of_pictures([tmp_path])
+
+
+@pytest.mark.parametrize("size", [2.0, 4.0])
+def test_points_of_a_picture_are_where_they_are(size):
+    """cv2 by default places all points .25 px too far to the right, and as many too low."""
+    at = np.array([60.3, 40.7])
+    v, u = np.mgrid[:90, :120]
+    spot = 40 + 180 * np.exp(-((u - at[0]) ** 2 + (v - at[1]) ** 2) / (2 * size**2))
+    found = points_of(np.rint(spot).astype(np.uint8))
+    assert len(found) and np.abs(found.uv[0] - at).max() < 0.05
+
+
+def test_a_large_picture_is_reduced():
+    """Points are in px of the whole picture: the middle of a spot stays where it is."""
+    at = np.array([60.3, 40.7])
+    v, u = np.mgrid[:90, :121]
+    spot = np.rint(40 + 180 * np.exp(-((u - at[0]) ** 2 + (v - at[1]) ** 2) / 72)).astype(np.uint8)
+    whole, reduced = points_of(spot, longest=121), points_of(spot, longest=60)
+    assert np.abs(reduced.uv[0] - at).max() < 0.1 and not np.array_equal(whole.uv, reduced.uv)
+    np.testing.assert_array_equal(whole.uv, points_of(spot).uv)
+    assert reduced.sizes[0] == pytest.approx(whole.sizes[0], rel=0.1)
