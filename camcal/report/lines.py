@@ -11,7 +11,7 @@ from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.peers.undistort_points import against_cv2
 from camcal.report.camera import camera_entry
-from camcal.report.routes import document, warning
+from camcal.report.routes import document, principal_point_assumed, warning
 from camcal.routes import straightness
 from camcal.routes.line_geometry import Lines
 from camcal.routes.line_start import estimate
@@ -104,6 +104,14 @@ def _warnings(fit: LineFit, kept: Lines) -> list[dict[str, str]]:
                 "others and are not used.",
                 "Curves in the scene can be among them.",
                 "note",
+            )
+        )
+    if fit.assumed:
+        made.append(
+            principal_point_assumed(
+                "the lines leave",
+                fit.assumed,
+                "Give it where it is known (--fix cx=VALUE,cy=VALUE), or add lines in other directions.",
             )
         )
     if fit.undetermined:

@@ -12,6 +12,7 @@ from camcal.geometry import rotations
 from camcal.model.pose import Pose
 from camcal.report.head import head
 from camcal.report.plain import plain
+from camcal.routes.assumed_centre import CENTRE
 from camcal.routes.distance import LINEAR
 from camcal.routes.pose import Found, Solution
 
@@ -60,6 +61,20 @@ def uncertain_distance(what: str, half: float, hint: str) -> dict[str, str]:
         "uncertain-distance",
         f"{what}: the distance from the camera is known to ± {100 * half:.0f} % (95 % interval); beyond "
         f"{100 * LINEAR:.0f} % intervals of two standard deviations contain the true value too rarely.",
+        hint,
+    )
+
+
+def principal_point_assumed(what: str, names: Sequence[str], hint: str, doubt: bool = True) -> dict[str, str]:
+    """The warning about coordinates of the centre that are held; `doubt`: whether the sigmas contain its effect."""
+    more = (
+        f", and its uncertainty ({CENTRE:.0%} of the longer side) is included in the other sigmas"
+        if doubt
+        else ""
+    )
+    return warning(
+        "principal-point-assumed",
+        f"{what} {' and '.join(names)} undetermined; the middle of the picture is assumed{more}.",
         hint,
     )
 

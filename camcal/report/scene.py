@@ -13,7 +13,7 @@ from camcal.errors import DataError
 from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.report.camera import camera_entry
-from camcal.report.routes import document, warning
+from camcal.report.routes import document, principal_point_assumed, warning
 from camcal.routes.line_geometry import Lines
 from camcal.routes.read_lines import TABLES, read_gray, read_lines
 from camcal.routes.scene import at_infinity, estimate
@@ -117,12 +117,10 @@ def _segments(path: Path, image_size: tuple[int, int] | None) -> Lines:
 def _warnings(found: Scene) -> list[dict[str, str]]:
     if not found.assumed:
         return []
-    names = " and ".join(found.assumed)
     return [
-        warning(
-            "principal-point-assumed",
-            f"the vanishing points leave {names} undetermined; the middle of the picture is assumed, and its "
-            "uncertainty (a twentieth of the picture's width) is included in the other sigmas.",
+        principal_point_assumed(
+            "the vanishing points leave",
+            found.assumed,
             "Give it where it is known (--fix cx=VALUE,cy=VALUE), or turn the camera so that all three converge.",
         )
     ]

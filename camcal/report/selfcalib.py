@@ -15,7 +15,7 @@ from camcal.model import lenses
 from camcal.model.pose import Pose
 from camcal.peers import two_views
 from camcal.report.camera import camera_entry
-from camcal.report.routes import bundle_entry, document, pose_entry, warning
+from camcal.report.routes import bundle_entry, document, pose_entry, principal_point_assumed, warning
 from camcal.routes.bundle import Tracks
 from camcal.routes.picture_tracks import of_pictures
 from camcal.routes.read_lines import TABLES
@@ -128,9 +128,9 @@ def _warnings(found: SelfCalibration, views: Sequence[str], twice: int) -> list[
     made = []
     if found.assumed:
         made.append(
-            warning(
-                "principal-point-assumed",
-                f"the views leave {' and '.join(found.assumed)} undetermined; the middle of the picture is assumed.",
+            principal_point_assumed(
+                "the views leave",
+                found.assumed,
                 "Take views with the camera rolled by 90 degrees, or give it (--fix cx=VALUE,cy=VALUE).",
             )
         )

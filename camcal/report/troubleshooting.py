@@ -280,7 +280,7 @@ FOUND = {
     "lines-left-out": "`camcal lines`: lines that are not straight compared with the others",
     "one-direction": "`camcal lines`: all lines have one direction",
     "undetermined": "`camcal lines`: parameters that lines do not determine",
-    "principal-point-assumed": "`camcal scene`, `selfcalib`, `wand`: the middle of the picture is assumed",
+    "principal-point-assumed": "`camcal lines`, `scene`, `selfcalib`, `wand`: the middle of the picture is assumed",
     "lines-bent": "`camcal scene`: lines are bent, and with distortion the focal length is outside its interval",
     "views-left-out": "`camcal selfcalib`: views that could not be added",
     "points-twice": "`camcal selfcalib`, `camcal wand`: a point twice in one view",

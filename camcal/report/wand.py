@@ -18,7 +18,7 @@ from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.peers.triangulate_points import against_cv2
 from camcal.report.camera import camera_entry
-from camcal.report.routes import bundle_entry, document, pose_entry, warning
+from camcal.report.routes import bundle_entry, document, pose_entry, principal_point_assumed, warning
 from camcal.routes.placed import PlacedCamera
 from camcal.routes.triangulate import sorted_images, triangulate
 from camcal.routes.wand import WandCalibration, estimate
@@ -240,10 +240,11 @@ def _warnings(
     made = []
     if found.assumed:
         made.append(
-            warning(
-                "principal-point-assumed",
-                f"the bar leaves {', '.join(found.assumed)} undetermined; the middle of the picture is assumed.",
+            principal_point_assumed(
+                "the bar leaves",
+                found.assumed,
                 "Move the bar through the whole picture, or give the camera (--cameras NAME=CAMERA).",
+                doubt=False,
             )
         )
     lost = len(views) - len(np.unique(seen.instant[found.used]))

@@ -17,8 +17,9 @@ from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.lenses.regress import regress
 from camcal.model.pose import Array
+from camcal.routes.line_centre import fit_centred, with_doubt
 from camcal.routes.line_geometry import Lines, distances
-from camcal.routes.lines import LEAST_POINTS, LineFit, fit, held, nominal
+from camcal.routes.lines import LEAST_POINTS, LineFit, held, nominal
 
 BRIDGE = "division:2"
 #: First coefficients of the division model, f the longer side, from strong barrel to pincushion. Neighbouring
@@ -53,7 +54,7 @@ def estimate(
         used = _straight(bridge, lines, short)
     for _ in range(ROUNDS):
         chosen = lines.take(used)
-        bridge = fit(chosen, bridge, _held_for(bridge.lens, fix)).camera
+        bridge = fit_centred(chosen, bridge, _held_for(bridge.lens, fix)).camera
         again = _straight(bridge, lines, short) if robust else used
         if (again == used).all():
             break
@@ -65,9 +66,10 @@ def estimate(
             break
         used = again
         found = _of_model(lines, used, found.camera, lens, fix)
+    kept, what = lines.take(used), held(lens, fix)
     if resistant:
-        found = fit(lines.take(used), found.camera, held(lens, fix), resistant)
-    return replace(found, used=used)
+        found = fit_centred(kept, found.camera, what, resistant)
+    return replace(with_doubt(kept, found, what, resistant), used=used)
 
 
 def _held_for(lens: Lens, fix: Mapping[str, float | None]) -> dict[str, float | None]:
@@ -122,7 +124,7 @@ def _of_model(
         found = regress(lens, rays[keep], lines.uv[keep], lines.image_size, list(what), begin)
         # a model that cannot bend as much starts without distortion
         start = Camera(lens, found.params if found.covered.all() else params, lines.image_size)
-    return fit(lines.take(used), start, what)
+    return fit_centred(lines.take(used), start, what)
 
 
 def _straight(camera: Camera, lines: Lines, short: Array) -> Array:

@@ -13,13 +13,13 @@ default the longer side of the picture).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from camcal.errors import DataError, EstimationError
-from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
+from camcal.least_squares.blocks import FLOOR, BlockNormal, Fitted, minimise
 from camcal.least_squares.scales import NORMAL_MEDIAN
 from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
@@ -92,6 +92,8 @@ class LineFit:
     converged : bool
     fixed : tuple of str
         Parameters that were held.
+    assumed : tuple of str
+        Those of them that the lines leave undetermined: coordinates of the centre.
     """
 
     camera: Camera
@@ -105,6 +107,7 @@ class LineFit:
     iterations: int
     converged: bool
     fixed: tuple[str, ...]
+    assumed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -206,15 +209,54 @@ def _moving(lines: Lines, lens: Lens, free: Array, state: _State) -> Array:
     return np.flatnonzero(np.sqrt(np.square(by_params).mean(0)) > DEAD)
 
 
+def foreseen(lines: Lines, found: LineFit, fix: Mapping[str, float | None]) -> Array:
+    """Standard deviations (P,) of the parameters that a fit with other parameters held would have, from one step of it.
+
+    The step tells how much of the residuals is due to what `found` held.
+    """
+    free = free_matrix(found.camera.lens, found.camera.params, dict(fix))
+    state = _State(found.camera.params, best_normals(found.camera, lines))
+    made = _linearised(lines, found.camera.lens, free, state, np.ones(len(lines.uv)))
+    normal = made(state) if made is not None else None
+    step = normal.step(FLOOR) if normal is not None else None
+    if normal is None or step is None:
+        return np.full(len(found.camera.params), np.inf)
+    covariance, lost = _covariance(normal.reduced(), free, len(lines.uv))
+    left = max(normal.cost - step[2], 0.0) / max(len(lines.uv) - 2 * len(lines) - free.shape[1], 1)
+    sigmas = np.sqrt(np.diagonal(covariance) * 2 * left * found.inflation)
+    sigmas[[n in _loose(found.camera.lens, lost) for n in found.camera.lens.names]] = np.inf
+    return np.asarray(sigmas)
+
+
 def _round(lines: Lines, lens: Lens, free: Array, state: _State, weight: Array) -> Fitted[_State] | None:
     """Minimise with the nearest points and the denominators fixed at their initial values."""
+    near_start = _proximal(lines, lens, free, state)
+    linearise = _linearised(lines, lens, free, state, weight, near_start)
+    if linearise is None:
+        return None
+
+    def moved(s: _State, step: Array, own: Array) -> _State:
+        normals = s.normals + np.einsum("lik,lk->li", tangents(s.normals), own)
+        return _State(s.params + free @ step, normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+    fitted = minimise(linearise, moved, state)
+    if fitted is None:
+        return None
+    # the information on the parameters excludes the proximal term of the round
+    return replace(fitted, normal=replace(fitted.normal, shared=fitted.normal.shared - near_start))
+
+
+def _linearised(
+    lines: Lines, lens: Lens, free: Array, state: _State, weight: Array, near_start: Array | None = None
+) -> Callable[[_State], BlockNormal | None] | None:
+    """The normal equations by the state, with the nearest points and the denominators of a first state."""
     near = nearest_points(Camera(lens, state.params), lines.uv, state.normals[lines.line])
     if near is None:
         return None
     root = np.sqrt(weight)
     per_unit, distance = root * near.weight, root * near.distance
-    near_start = _proximal(lines, lens, free, state)
     to_free = np.linalg.pinv(free)
+    hold = np.zeros((free.shape[1], free.shape[1])) if near_start is None else near_start
 
     def linearise(s: _State) -> BlockNormal | None:
         now = line_rays(Camera(lens, s.params), near.uv)
@@ -227,17 +269,9 @@ def _round(lines: Lines, lens: Lens, free: Array, state: _State, weight: Array) 
         tangent = tangents(s.normals)[lines.line]
         own = per_unit[:, None] * np.einsum("nik,ni->nk", tangent, d)
         normal = BlockNormal.of_groups(residual, shared, own, lines.line, len(lines))
-        return _with_prior(normal, lens, s.params, free, near_start, to_free @ (s.params - state.params))
+        return _with_prior(normal, lens, s.params, free, hold, to_free @ (s.params - state.params))
 
-    def moved(s: _State, step: Array, own: Array) -> _State:
-        normals = s.normals + np.einsum("lik,lk->li", tangents(s.normals), own)
-        return _State(s.params + free @ step, normals / np.linalg.norm(normals, axis=1, keepdims=True))
-
-    fitted = minimise(linearise, moved, state)
-    if fitted is None:
-        return None
-    # the information on the parameters excludes the proximal term of the round
-    return replace(fitted, normal=replace(fitted.normal, shared=fitted.normal.shared - near_start))
+    return linearise
 
 
 def _proximal(lines: Lines, lens: Lens, free: Array, state: _State) -> Array:
@@ -296,13 +330,7 @@ def _finished(
     # Huber & Ronchetti, Robust Statistics, 2009, (7.83), with (JᵀWJ)⁻¹ mean(w) for (JᵀJ)⁻¹
     score, inside = weight * off, float((weight == 1).mean())
     covariance = covariance * (weight.mean() / inside**2 * (score @ score) / freedom) * factor
-    names = camera.lens.names
-    share = np.abs(lost).max(1, initial=0) if lost.size else np.zeros(len(names))
-    loose = (
-        tuple(n for n, s in zip(names, share, strict=True) if s > NOTICEABLE * max(share.max(), 1e-300))
-        if lost.size
-        else ()
-    )
+    names, loose = camera.lens.names, _loose(camera.lens, lost)
     for name in loose:
         covariance[names.index(name), names.index(name)] = np.inf
     fixed = tuple(n for n, row in zip(names, free, strict=True) if not row.any())
@@ -320,6 +348,13 @@ def _finished(
         fitted.converged,
         fixed,
     )
+
+
+def _loose(lens: Lens, lost: Array) -> tuple[str, ...]:
+    """The parameters that undetermined directions (P, U) change."""
+    share = np.abs(lost).max(1, initial=0)
+    most = max(float(share.max(initial=0)), np.finfo(float).tiny)
+    return tuple(n for n, s in zip(lens.names, share, strict=True) if s > NOTICEABLE * most)
 
 
 def inflation(residuals: Array, group: Array) -> float:

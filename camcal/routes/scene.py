@@ -17,16 +17,14 @@ from camcal.errors import DataError, EstimationError
 from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array
+from camcal.routes import assumed_centre
 from camcal.routes.line_geometry import Lines
 from camcal.routes.scene_fit import Scene, fit_scene
 from camcal.routes.scene_start import frames
 from camcal.routes.scene_vote import LEAST_LINES, Seen, families, seen_lines
 from camcal.solve.parameters import apply_fixed
 
-#: The principal point is undetermined if its sigma exceeds this fraction of the picture's width: the middle of the
-#: picture is then a better estimate, as real ones are within a twentieth of it.
-CENTRE = 0.05
-#: ... and the focal length if its relative sigma exceeds this: 95 % intervals from half to double
+#: The focal length is undetermined if its relative sigma exceeds this: 95 % intervals from half to double
 FOCAL = 0.25
 #: rad; directions of buildings and rooms are out of square by about this, standard deviation (0.9 degrees: what twelve
 #: pictures of streets and rooms are off by)
@@ -111,14 +109,11 @@ def _judged(lines: Lines, scene: Scene, fix: Mapping[str, float | None], seen: S
     """Free what the lines determine, hold the rest, and raise an error if the focal length is undetermined."""
     assert lines.image_size is not None
     width = max(lines.image_size)
-    names = scene.camera.lens.names
     unknown = [n for n in ("cx", "cy") if n not in fix]
     if unknown and len(scene.directions) == 3:
         wider = _followed(lines, scene.start, fix, float(scene.camera.params[0]), scene.rotation, seen)
-        if wider is not None:
-            sigmas = np.sqrt(np.diagonal(wider.covariance))
-            if all(sigmas[names.index(n)] <= CENTRE * width for n in unknown):
-                scene, unknown = wider, []
+        if wider is not None and not _undetermined_centre(wider, unknown):
+            scene, unknown = wider, []
     scene = replace(scene, assumed=tuple(unknown))
     if "fx" in fix:
         return scene
@@ -128,29 +123,23 @@ def _judged(lines: Lines, scene: Scene, fix: Mapping[str, float | None], seen: S
     )  # then only the distortion would determine f
     if len(scene.directions) < 2 or far or not sigma <= FOCAL * scene.camera.params[0]:
         raise _undetermined(scene, sigma, width)
-    return _with_centre(lines, scene, unknown, fix, seen)
+    return _with_centre(lines, scene, fix, seen)
 
 
-def _with_centre(
-    lines: Lines, scene: Scene, assumed: Sequence[str], fix: Mapping[str, float | None], seen: Seen
-) -> Scene:
-    """The covariance including the uncertainty of an assumed principal point: a twentieth of the width, one sigma."""
-    assert lines.image_size is not None
-    covariance = scene.covariance.copy()
-    for name in assumed:
-        index = scene.camera.lens.names.index(name)
-        step = CENTRE * max(lines.image_size) / 2
-        params = scene.camera.params.copy()
-        params[index] += step
-        held = {**fix, "cx": float(params[2]), "cy": float(params[3])}
-        vote = families(seen, scene.camera, scene.rotation)
-        start = replace(scene.camera, params=params)
-        moved = fit_scene(lines, start, scene.rotation, vote, held, scene.start)
-        if moved is not None:
-            slope = (moved.camera.params - scene.camera.params) * 2
-            slope[[2, 3]] = 0
-            covariance += np.outer(slope, slope)
-    return replace(scene, covariance=covariance)
+def _undetermined_centre(scene: Scene, names: Sequence[str]) -> tuple[str, ...]:
+    return assumed_centre.undetermined(scene.camera, np.sqrt(np.diagonal(scene.covariance)), names)
+
+
+def _with_centre(lines: Lines, scene: Scene, fix: Mapping[str, float | None], seen: Seen) -> Scene:
+    """The covariance including the uncertainty of an assumed principal point."""
+    vote = families(seen, scene.camera, scene.rotation)
+
+    def refitted(moved: Camera, _: str) -> Array | None:
+        found = fit_scene(lines, moved, scene.rotation, vote, {**fix, **_centre(moved)}, scene.start)
+        return None if found is None else found.camera.params
+
+    more = assumed_centre.doubt(scene.camera, scene.assumed, refitted)
+    return replace(scene, covariance=scene.covariance + more)
 
 
 def _out_of_square(lines: Lines, scene: Scene, fix: Mapping[str, float | None], seen: Seen) -> Scene:

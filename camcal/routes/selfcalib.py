@@ -27,15 +27,12 @@ from camcal.model.lenses.base import Lens
 from camcal.model.lenses.regress import regress
 from camcal.model.pose import Array
 from camcal.records import dataclass
-from camcal.routes import dual_quadric, epipolar, lifted
+from camcal.routes import assumed_centre, dual_quadric, epipolar, lifted
 from camcal.routes.bundle import Bundle, Tracks, adjust, camera_covariance
 from camcal.routes.bundle_outliers import adjusted
 from camcal.routes.reconstruct import Pair, aligned, empty, first_pair, grow, pairs, usable, with_points
 from camcal.solve.parameters import apply_fixed, free_matrix
 
-#: Principal points of real cameras lie within this fraction of the picture's width from its middle. A single pair of
-#: views whose axes miss each other by less is critical; a principal point with a larger sigma is undetermined.
-CENTRE = 0.05
 #: relative standard deviation of the focal length above which a motion is critical
 UNCERTAIN = 0.1
 #: added to 1 - σ2 / σ1 before its logarithm: what noise leaves of it at the right focal length
@@ -222,10 +219,10 @@ def _focal(known: list[Pair], size: tuple[int, int]) -> float:
     centre, width = np.array([(size[0] - 1) / 2, (size[1] - 1) / 2]), float(max(size))
     matrices = np.stack([p.matrix for p in known])
     apart = max(epipolar.axes_apart(m, centre) for m in matrices)
-    if len(known) == 1 and apart <= CENTRE * width:
+    if len(known) == 1 and apart <= assumed_centre.CENTRE * width:
         raise _critical(
             "the optical axes of the two views meet, or nearly so: the principal points miss the epipolar lines of "
-            f"one another by {apart:.1f} px, and they are known to {CENTRE * width:.0f} px"
+            f"one another by {apart:.1f} px, and they are known to {assumed_centre.CENTRE * width:.0f} px"
         )
     costs = epipolar.focal_costs(matrices, centre, width)
     # with the logarithm, pairs with a sharp minimum dominate, and wrong ones have little weight
@@ -285,12 +282,25 @@ def _calibrated(
     _require_focal(found)
     if centre:
         freed = _result(found.bundle, tracks, held, start, known)
-        sigmas = np.sqrt(np.diagonal(freed.covariance))
-        known_centre = all(sigmas[lens.index(n)] <= CENTRE * max(size) for n in centre)
-        if known_centre and sigmas[0] <= UNCERTAIN * freed.bundle.camera.params[0]:
+        sigmas, camera = np.sqrt(np.diagonal(freed.covariance)), freed.bundle.camera
+        loose = assumed_centre.undetermined(camera, sigmas, tuple(centre))
+        if not loose and sigmas[0] <= UNCERTAIN * camera.params[0]:
             return freed
-        return replace(found, assumed=tuple(centre))
+        return _with_centre(replace(found, assumed=tuple(centre)), tracks, {**held, **centre})
     return found
+
+
+def _with_centre(found: SelfCalibration, tracks: Tracks, held: Mapping[str, float | None]) -> SelfCalibration:
+    """The covariance including the uncertainty of an assumed principal point."""
+    part, camera = tracks.take(found.used), found.bundle.camera
+    free = free_matrix(camera.lens, camera.params, dict(held))
+
+    def refitted(moved: Camera, _: str) -> Array | None:
+        fitted = adjust(replace(found.bundle, camera=moved), part, free)
+        return None if fitted is None else fitted.state.camera.params
+
+    more = assumed_centre.doubt(camera, found.assumed, refitted)
+    return replace(found, covariance=found.covariance + more)
 
 
 def _of_lens(lens: Lens, pinhole: Camera, fix: Mapping[str, float | None]) -> Camera:

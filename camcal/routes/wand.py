@@ -22,9 +22,10 @@ from camcal.least_squares.blocks import Fitted, bounded_inverse
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
 from camcal.records import dataclass
+from camcal.routes import assumed_centre
 from camcal.routes.bundle_outliers import LEAST_FAR, ROUNDS, reach
 from camcal.routes.reconstruct import loose_scale
-from camcal.routes.selfcalib import CENTRE, UNCERTAIN
+from camcal.routes.selfcalib import UNCERTAIN
 from camcal.routes.wand_fit import Sightings, Wand, adjust
 from camcal.routes.wand_start import LEAST_BARS, chained, focal_part, links, placed, with_bars, with_focal
 from camcal.solve.losses import RAYLEIGH_MEDIAN
@@ -216,9 +217,8 @@ def _loose(freed: WandCalibration | None, fixes: Sequence[Held | None], names: S
     found = []
     for index, (camera, fix) in enumerate(zip(freed.wand.cameras, fixes, strict=True)):
         sigma = np.sqrt(np.diagonal(freed.camera_covariance(index)))
-        size = camera.image_size
-        assert size is not None
-        known = (sigma[2:4] <= CENTRE * max(size)).all() and sigma[0] <= UNCERTAIN * camera.params[0]
+        far = assumed_centre.undetermined(camera, sigma, assumed_centre.PIXELS)
+        known = not far and sigma[0] <= UNCERTAIN * camera.params[0]
         if fix is not None and not known:
             found.append(names[index])
     return found

@@ -214,7 +214,7 @@ def test_a_target_that_faces_the_camera():
 
 def test_lines_of_one_direction(monkeypatch):
     """Half of the lines are turned to each side: the mean of exp(2iφ) is cos 2φ."""
-    fit = SimpleNamespace(camera=None, used=np.ones(2, bool), undetermined=(), converged=True)
+    fit = SimpleNamespace(camera=None, used=np.ones(2, bool), assumed=(), undetermined=(), converged=True)
     for cosine, said in ((MORE * lines.ONE_DIRECTION, True), (LESS * lines.ONE_DIRECTION, False)):
         turn = math.acos(cosine) / 2
         monkeypatch.setattr(lines.straightness, "directions", lambda *_, t=turn: np.array([t, -t]))
