@@ -74,7 +74,7 @@ def line_cases() -> list[Case]:
     return [
         line_case("40 lines of all directions", turn),
         line_case("5 lines of all directions", turn[:5]),
-        line_case("40 lines, one direction: the centre is undetermined along it", np.zeros(40)),
+        line_case("40 lines, one direction: the centre is held along it", np.zeros(40)),
         line_case("40 lines, no distortion", turn, 0.0),
     ]
 

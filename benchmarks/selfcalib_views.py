@@ -4,7 +4,7 @@
 `--pictures N`: N rendered pictures of a corner of a room (three planes of random texture, noise of two grey levels),
 whose SIFT points are matched. f is 700 px of 640x480 in both; seed 0. Times are processor time.
 
-Usage: python benchmarks/selfcalib_views.py [--tracks 100] [--pictures 100]
+Usage: python benchmarks/selfcalib_views.py [--tracks 100] [--pictures 100] [--update docs/routes.md]
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from routes_common import looking
+from tables import markdown, show
 
 from camcal.model import lenses
 from camcal.model.camera import Camera
@@ -25,6 +26,7 @@ from camcal.routes.bundle import Tracks
 from camcal.routes.picture_tracks import of_pictures
 
 SIZE, F = (640, 480), 700.0
+HEADER = ("pictures used", "images", "points", "f, px", "principal point, px", "matching", "calibration")
 CAMERA = Camera(lenses.make("pinhole"), np.array([F, F, 319.5, 239.5]), SIZE)
 
 
@@ -79,33 +81,42 @@ def pictures(folder, count, rng):
 
 
 def line(what, tracks, views, points, begin):
-    """Calibrate and print."""
+    """Calibrate and print; return the row of the table."""
     matched = time.process_time()
     found = selfcalib.estimate(tracks, views, points, lenses.make("pinhole"), SIZE, {})
     f, sigma = found.bundle.camera.params[0], float(np.sqrt(found.covariance[0, 0]))
+    done = time.process_time()
+    cx, cy = found.bundle.camera.params[2:4]
     print(
         f"{what}: {views} views, {len(tracks)} images of {points} points, {int(found.bundle.known_views.sum())} views "
         f"used, f {f:.2f} ± {sigma:.2f} (true {F:g}); start {found.start.params[0]:.1f}, dual quadric "
         f"{found.dual_quadric and round(found.dual_quadric, 1)}; matching {matched - begin:.0f} s, calibration "
-        f"{time.process_time() - matched:.0f} s",
+        f"{done - matched:.0f} s",
         flush=True,
     )
+    used = f"{int(found.bundle.known_views.sum())} of {views}"
+    times = [f"{t:.0f} s" for t in (matched - begin, done - matched)]
+    return [used, len(tracks), points, f"{f:.2f} ± {sigma:.2f}", f"{cx:.2f} {cy:.2f}", *times]
 
 
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--tracks", type=int, nargs="*", default=[])
     parser.add_argument("--pictures", type=int, nargs="*", default=[])
+    parser.add_argument("--update", type=Path, help="the page with the table of pictures")
     given = parser.parse_args()
     for count in given.tracks:
         tracks, points = simulated(count, np.random.default_rng(0))
         line("simulated", tracks, count, points, time.process_time())
+    rows = []
     for count in given.pictures:
         with tempfile.TemporaryDirectory() as folder:
             pictures(Path(folder), count, np.random.default_rng(0))
             begin = time.process_time()
             tracks, names, points, _ = of_pictures([Path(folder)])
-            line("pictures", tracks, len(names), points, begin)
+            rows.append(line("pictures", tracks, len(names), points, begin))
+    if rows:
+        show(given.update, "selfcalib-pictures", markdown(HEADER, rows))
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ Array = np.ndarray
 RATIO = 0.8
 #: points of strongest contrast used in each picture; all pairs are compared: 25 million of 128 numbers, .1 s
 MOST = 5_000
+LEAST_CONTRAST = 0.04  #: of a point: cv2's default
 #: descriptors compared with all of the other picture at a time: distances to 5,000 then take 5 MB, what caches hold
 AT_A_TIME = 256
 #: px; side of the windows that are compared: the smallest SIFT descriptors cover 12
@@ -55,11 +56,13 @@ class Points:
         return Points(self.uv[rows], self.descriptors[rows], self.sizes[rows])
 
 
-def points_of(picture: Array, most: int = MOST, longest: int | None = None) -> Points:
+def points_of(
+    picture: Array, most: int = MOST, longest: int | None = None, contrast: float = LEAST_CONTRAST
+) -> Points:
     """The `most` points of strongest contrast of a grey picture (8 or 16 bits); (0, 0) is the centre of the top-left
     pixel.
 
-    A picture with a side longer than `longest` px is reduced to it first.
+    A picture with a side longer than `longest` px is reduced to it first. `contrast` is cv2's `contrastThreshold`.
     """
     factor = max(picture.shape) / (longest or np.inf)
     small, ratio = _bytes(picture), np.ones(2)
@@ -68,7 +71,9 @@ def points_of(picture: Array, most: int = MOST, longest: int | None = None) -> P
         small = cv2.resize(small, (width, height), interpolation=cv2.INTER_AREA)
         ratio = np.array(picture.shape[::-1]) / (width, height)
     # by default cv2 enlarges the picture about its corner, not its first pixel: points are then off by 0.25 px
-    sift = cv2.SIFT_create(nfeatures=most, enable_precise_upscale=True)  # type: ignore[attr-defined]
+    sift = cv2.SIFT_create(  # type: ignore[attr-defined]
+        nfeatures=most, contrastThreshold=contrast, enable_precise_upscale=True
+    )
     found, descriptors = sift.detectAndCompute(small, None)
     if descriptors is None:
         return Points(np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros(0))

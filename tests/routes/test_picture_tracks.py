@@ -11,7 +11,7 @@ from camcal.cli.group import camcal
 from camcal.detect.matches import Points, points_of
 from camcal.errors import DataError, EstimationError
 from camcal.geometry import rotations
-from camcal.routes.picture_tracks import MOST_TRACKS, _Joined, _pairs, _tracks, of_pictures
+from camcal.routes.picture_tracks import CONTRAST, MOST_TRACKS, _Joined, _pairs, _tracks, of_pictures
 from tests.shared_data import DATA, needs_data
 
 CHAIR = DATA / "selfcalib_chair"
@@ -121,3 +121,9 @@ def test_a_large_picture_is_reduced():
     assert np.abs(reduced.uv[0] - at).max() < 0.1 and not np.array_equal(whole.uv, reduced.uv)
     np.testing.assert_array_equal(whole.uv, points_of(spot).uv)
     assert reduced.sizes[0] == pytest.approx(whole.sizes[0], rel=0.1)
+
+
+def test_faint_points_are_used():
+    v, u = np.mgrid[:90, :120]
+    spot = np.rint(120 + 16 * np.exp(-((u - 60) ** 2 + (v - 41) ** 2) / 32)).astype(np.uint8)
+    assert len(points_of(spot, contrast=CONTRAST)) and not len(points_of(spot))
