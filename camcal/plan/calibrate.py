@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from typing import Any
@@ -18,7 +18,7 @@ from camcal.assess.design import Design
 from camcal.assess.fold_difference import difference_of_folds
 from camcal.assess.holdout import described, folds_wanted, hold_out
 from camcal.data.observations import Observations
-from camcal.errors import CamcalError, DataError, EstimationError, caught
+from camcal.errors import CamcalError, DataError, EstimationError, caught, only
 from camcal.geometry import projective
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
@@ -26,9 +26,9 @@ from camcal.plan.boards import as_designed, with_shape
 from camcal.plan.camera import run_closed_form, starts_from_nothing
 from camcal.plan.held import held_at_start
 from camcal.plan.known_camera import fully_known, placed
-from camcal.plan.lens import solved_with_found
+from camcal.plan.lens import solved_with_found_all
 from camcal.plan.options import Options
-from camcal.plan.progress import Progress, advance, follow, follow_all
+from camcal.plan.progress import Progress, advance, follow_all
 from camcal.plan.run import begun, plan, usable
 from camcal.plan.solution import Solution, of_fit
 from camcal.solve import outliers, ransac
@@ -83,13 +83,10 @@ def calibrate(
     """
     asked = Options.resolve(model=model, robust=robust, **options)
     tell = on_event or _silent
-    return _calibrated(correspondences, asked, options, tell)
-
-
-def _calibrated(
-    correspondences: Observations, asked: Options, options: Mapping[str, Any], tell: OnEvent
-) -> Solution:
-    return _solved(*_progress(correspondences, asked, tell), asked, options, tell)
+    progress, selection = only(_followed([correspondences], asked))
+    if selection is not None:
+        tell("selected", selection)
+    return _solved(progress, selection, asked, options, tell)
 
 
 def calibrate_many(
@@ -97,9 +94,10 @@ def calibrate_many(
 ) -> list[Solution | CamcalError]:
     """Calibrate many cameras in less time than one by one: those that are alike are computed together.
 
-    The closed form and the refinement of a given lens model are computed together, for cameras with equally many views;
-    with `checks=False` that is nearly everything. Every result is that of `calibrate`, to the last bit, whatever the
-    other cameras are. The cameras are taken from the iterable some dozens at a time.
+    The closed form and the refinement of the first lens model (the given one; opencv5 for `auto`) are computed
+    together, for cameras with equally many views; with `checks=False` that is nearly everything. Every result is that
+    of `calibrate`, to the last bit, whatever the other cameras are. The cameras are taken from the iterable some dozens
+    at a time.
 
     Parameters
     ----------
@@ -120,31 +118,39 @@ def calibrate_many(
     asked = Options.resolve(model=model, robust=robust, **options)
     rest, found = iter(cameras), list[Solution | CamcalError]()
     while some := list(islice(rest, AT_A_TIME)):
-        found += _together(some, asked, options)
+        for one in _followed(some, asked):
+            if isinstance(one, CamcalError):
+                found.append(one)
+            else:
+                found.append(caught(_solved, *one, asked, options, _silent))
     return found
 
 
-def _together(
-    cameras: Sequence[Observations], asked: Options, options: Mapping[str, Any]
-) -> Iterator[Solution | CamcalError]:
-    """Calibrate some cameras, in their order; one whose model is chosen, or that is known, has a plan of its own."""
-    own = asked.model in ("auto", "select") or fully_known(asked, None) is not None
+def _followed(
+    cameras: Sequence[Observations], asked: Options
+) -> list[tuple[Progress, Mapping[str, Any] | None] | CamcalError]:
+    """The attempts that were made with each camera, and how its lens model was chosen if it was not given."""
     Observations.fit_shapes(cameras)
-    begin = [None if own else caught(_begun_with, one, asked) for one in cameras]
-    followed = iter(follow_all(plan(), [b for b in begin if b is not None]))
-    for one, has_begun in zip(cameras, begin, strict=True):
-        if has_begun is None:
-            yield caught(_calibrated, one, asked, options, _silent)
-            continue
-        progress = next(followed)
-        if isinstance(progress, CamcalError):
-            yield progress
-        else:
-            yield caught(_solved, progress, None, asked, options, _silent)
+    known = fully_known(asked, None) is not None
+    given = [caught(usable, one, known) for one in cameras]
+    sets = [one for one in given if not isinstance(one, CamcalError)]
+    made: Sequence[tuple[Progress, Mapping[str, Any] | None] | CamcalError]
+    if known:
+        made = [caught(_placed, one, asked) for one in sets]
+    elif asked.model in ("auto", "select"):
+        made = solved_with_found_all(sets, asked)
+    else:
+        followed = follow_all(plan(), [begun(one, asked) for one in sets])
+        made = [p if isinstance(p, CamcalError) else (p, None) for p in followed]
+    results = iter(made)
+    return [one if isinstance(one, CamcalError) else next(results) for one in given]
 
 
-def _begun_with(given: Observations, asked: Options) -> Progress:
-    return begun(usable(given), asked)
+def _placed(given: Observations, asked: Options) -> tuple[Progress, None]:
+    """The poses with respect to a camera of which nothing is left to estimate."""
+    camera = fully_known(asked, given.image_size)
+    assert camera is not None
+    return placed(camera, given, asked), None
 
 
 def _silent(_: str, __: Mapping[str, Any]) -> None:
@@ -175,22 +181,6 @@ def _solved(
         solution = _crosschecked(solution, progress, asked.crosscheck == "full")
         tell("crosschecked", {"entries": len(solution.crosscheck)})
     return solution
-
-
-def _progress(
-    correspondences: Observations, asked: Options, tell: OnEvent
-) -> tuple[Progress, Mapping[str, Any] | None]:
-    """The attempts that were made, and how the lens model was chosen if it was not given."""
-    known = fully_known(asked, correspondences.image_size)
-    given, selection = usable(correspondences, known is not None), None
-    if known is not None:
-        progress = placed(known, given, asked)
-    elif asked.model in ("auto", "select"):
-        progress, selection = solved_with_found(given, asked)
-        tell("selected", selection)
-    else:
-        progress = follow(plan(), begun(given, asked))
-    return progress, selection
 
 
 def _crosschecked(solution: Solution, progress: Progress, full: bool) -> Solution:

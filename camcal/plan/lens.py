@@ -8,7 +8,7 @@ its coefficients.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,10 +17,10 @@ from camcal.assess.checks import fit as fit_checks
 from camcal.assess.checks import lens as lens_checks
 from camcal.assess.checks.facts import Facts
 from camcal.data.observations import Observations
-from camcal.errors import EstimationError
+from camcal.errors import CamcalError, EstimationError, caught, only
 from camcal.plan.minima import LOWEST
 from camcal.plan.options import Options
-from camcal.plan.progress import Progress, follow
+from camcal.plan.progress import Progress, follow, follow_all
 from camcal.plan.run import BETTER, begun, camera_plan, plan
 
 #: the model of an ordinary lens
@@ -38,17 +38,42 @@ LEAST_FREEDOM = 5.0
 
 def solved_with_found(given: Observations, asked: Options) -> tuple[Progress, Mapping[str, Any]]:
     """All attempts of the plan with the model that the data require, and how it was found."""
+    return only(solved_with_found_all([given], asked))
+
+
+def solved_with_found_all(
+    sets: Sequence[Observations], asked: Options
+) -> list[tuple[Progress, Mapping[str, Any]] | CamcalError]:
+    """`solved_with_found` of many cameras, whose default models are fitted together; an error in place of a result."""
     if asked.model == "select":
         from camcal.plan.selection import AUTO
 
-        return _ranked(given, asked, AUTO, "")
-    begin = begun(given, replace(asked, model=ORDINARY))
-    why = _too_few(_freedom(begin), _parameters(begin))
-    if why:  # without the rejected points
-        return _ranked(given, asked, SMALL, f"{ORDINARY} is unsuitable: {why}")
+        return [caught(_ranked, given, asked, AUTO, "") for given in sets]
+    begins = [begun(given, replace(asked, model=ORDINARY)) for given in sets]
+    few = [_too_few(_freedom(begin), _parameters(begin)) for begin in begins]
+    # a smaller model is ranked anyway: no lower minimum of this one is searched for
+    quick = [
+        replace(b, options=replace(b.options, lowest=False))
+        for b, why in zip(begins, few, strict=True)
+        if not why
+    ]
+    fits = iter(follow_all(camera_plan(), quick))
+    return [
+        caught(
+            _ranked, given, asked, SMALL, f"{ORDINARY} is unsuitable: {why}"
+        )  # without the rejected points
+        if why
+        else caught(_ordinary_or_ranked, next(fits), begin, given, asked)
+        for given, begin, why in zip(sets, begins, few, strict=True)
+    ]
+
+
+def _ordinary_or_ranked(
+    progress: Progress | CamcalError, begin: Progress, given: Observations, asked: Options
+) -> tuple[Progress, Mapping[str, Any]]:
+    """What follows a fit of the default model: the rest of the plan if it holds, otherwise the ranking of others."""
     try:
-        # a smaller model is ranked anyway: no lower minimum of this one is searched for
-        progress = follow(camera_plan(), replace(begin, options=replace(begin.options, lowest=False)))
+        progress = only([progress])
         why, models = _does_not_hold(progress)
         if models != SMALL:
             progress = follow(LOWEST, replace(progress, options=begin.options))

@@ -13,6 +13,7 @@ from camcal.plan import calibrate as module
 from camcal.plan import progress
 from camcal.plan.progress import Attempt, Change, advance_all
 from camcal.plan.solution import Solution
+from camcal.solve import together
 from tests import solved
 
 QUICK = {"checks": False, "crosscheck": False}
@@ -55,9 +56,21 @@ def test_the_same_as_one_by_one(cameras, model):
     assert isinstance(found[3], DataError) and isinstance(found[0], Solution)
 
 
-def test_a_model_that_is_chosen(cameras):
-    found = camcal.calibrate_many(cameras[:2], **QUICK)
-    assert all(same(f, camcal.calibrate(d, **QUICK)) for f, d in zip(found, cameras[:2], strict=True))
+def test_a_model_that_is_chosen(cameras, monkeypatch):
+    """The default model is fitted to all together; where it does not hold, others are ranked for that one."""
+    data = [cameras[0], camera(7, views=1), cameras[1]]
+    calls, own = [], together.refine_all
+
+    def ranked(given, asked, models, why):
+        raise EstimationError(f"ranked: {models[0]}, {given.point_count} points, {why}")
+
+    monkeypatch.setattr("camcal.plan.camera.refine_all", lambda tasks: calls.append(len(tasks)) or own(tasks))
+    monkeypatch.setattr("camcal.plan.lens._ranked", ranked)
+    found = camcal.calibrate_many(data, **QUICK)
+    assert calls == [3] and str(found[1]).startswith("ranked: pinhole, 54 points, opencv5 is unsuitable")
+    for i in (0, 2):
+        assert found[i].selection["chosen"] == "opencv5"
+        same(found[i], camcal.calibrate(data[i], **QUICK))
 
 
 def test_with_all_checks(cameras):
@@ -95,7 +108,7 @@ def test_attempts_that_are_made_together():
     """Those that apply, in one call; an error of one ends or fails that one alone."""
     calls = []
 
-    def together(members):
+    def some(members):
         calls.append([m.notes["name"] for m in members])
         found = {"a": Change(notes={"made": True}), "b": EstimationError("no"), "c": UsageError("never")}
         return [found[m.notes["name"]] for m in members]
@@ -103,7 +116,7 @@ def test_attempts_that_are_made_together():
     def member(name):
         return progress.Progress(None, None, None, None, None, notes={"name": name})
 
-    attempt = Attempt("x", lambda p: p.notes["name"] != "d", lambda p: None, together)
+    attempt = Attempt("x", lambda p: p.notes["name"] != "d", lambda p: None, some)
     a, b, c, d, e = advance_all([attempt], [*map(member, "abcd"), DataError("before")])
     assert calls == [["a", "b", "c"]]
     assert a.notes["made"] and str(b.error) == "no" and isinstance(c, UsageError) and isinstance(e, DataError)
