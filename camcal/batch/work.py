@@ -129,7 +129,7 @@ def _failures_in(row: Row, job: Job) -> Iterator[None]:
     except OSError as error:
         reason = f"{error.filename or job.name}: {error.strerror or error}."
     except Exception as error:  # noqa: BLE001 - as above
-        reason = f"a bug of camcal: {type(error).__name__}: {error}"
+        reason = f"a bug in camcal: {type(error).__name__}: {error}"
     kept = {name: value for name, value in row.items() if name in ("name", "type", "digest", "seconds")}
     row.clear()
     row |= kept | {"status": FAILED, "reason": text_of(reason)}

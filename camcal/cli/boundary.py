@@ -2,16 +2,16 @@
 
 | exit | what happened                                   |
 |------|-------------------------------------------------|
-| 0, 1 | done; 1 where a gate fell                       |
+| 0, 1 | done; 1 if a gate failed                        |
 | 2    | usage or configuration                          |
 | 3    | data                                            |
 | 4    | estimation failed                               |
-| 70   | a bug of camcal                                 |
+| 70   | a bug in camcal                                 |
 | 130  | interrupted                                     |
-| 141  | the reader of stdout went away (as a shell says)|
+| 141  | the reader of stdout has ended (as in a shell)  |
 | 143  | terminated (129: the terminal was closed)       |
 
-What the system refuses (a full disk, no memory, no permission) is no bug of camcal's: exit 3.
+Errors of the system (a full disk, no memory, no permission) are not bugs in camcal: exit code 3.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ def _report_bug(error: Exception, args: Sequence[str], verbosity: int) -> int:
 
     path = write_log(error, args)
     where = f"the log is at {path}" if path else "no log could be written"
-    click.echo(f"Error: a bug of camcal: {type(error).__name__}: {_first_line(error)}; {where}", err=True)
+    click.echo(f"Error: a bug in camcal: {type(error).__name__}: {_first_line(error)}; {where}", err=True)
     if verbosity >= 2:
         import traceback
 

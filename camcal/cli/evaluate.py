@@ -74,7 +74,7 @@ def _straightness(camera: Path, data: tuple[str, ...], options: dict[str, Any], 
 
 
 def _natural(camera: Path, data: tuple[str, ...], options: dict[str, Any], words: list[str]) -> int:
-    from camcal.cli.job import GATE_FELL
+    from camcal.cli.job import GATE_FAILED
     from camcal.cli.results import deliver
     from camcal.report.stereo import natural, natural_table
 
@@ -84,4 +84,4 @@ def _natural(camera: Path, data: tuple[str, ...], options: dict[str, Any], words
     for failure in found["failures"]:
         note(f"{failure}.")
     deliver(found, options, "Report", lambda: natural_table(found["natural"]))
-    return GATE_FELL if found["verdict"] == "fail" else 0
+    return GATE_FAILED if found["verdict"] == "fail" else 0

@@ -27,7 +27,7 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
     IMAGES are pictures of a board, as for `camcal checkerboard`; REPORT is what `checkerboard`, `evaluate` or `rig`
     wrote of them. The pictures' and the robot's noise are both estimated.
     """
-    from camcal.cli.job import GATE_FELL, command_line, output_is_free
+    from camcal.cli.job import GATE_FAILED, command_line, output_is_free
     from camcal.cli.output import console
     from camcal.cli.results import deliver
     from camcal.report.hand_eye import hand_eye, read_times
@@ -50,7 +50,7 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
     if verbosity() >= 0:
         console(stderr=True).print(summary(report))
     deliver(report, options, "Report", lambda: tables(report))
-    return GATE_FELL if report["verdict"] == "fail" else 0
+    return GATE_FAILED if report["verdict"] == "fail" else 0
 
 
 def _solution(data: tuple[str, ...], options: dict[str, Any]) -> Solution | RigSolution:

@@ -41,7 +41,7 @@ TABLES = (
     ".xml",
     ".json",
 )
-GATE_FELL = 1
+GATE_FAILED = 1
 PATIENT = 60.0  #: s; with --reproducible a busy machine must not decide which pictures are given up
 
 OnPicture = Callable[[Mapping[str, Any]], Any]
@@ -309,7 +309,7 @@ def delivered(
         console(stderr=True).print(summary(report))
     if output is not None:
         note(f"Report written to {output}.")
-    return GATE_FELL if report["verdict"] == "fail" else 0
+    return GATE_FAILED if report["verdict"] == "fail" else 0
 
 
 def write_trace(solution: Solution, path: Path, force: bool) -> None:

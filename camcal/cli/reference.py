@@ -20,18 +20,18 @@ This page is generated from the commands: `python -m camcal.cli.reference > docs
 
 Results go to stdout, everything else to stderr. An option takes its value from the flag, else from the
 environment variable in the last column, else from the [configuration file](configuration.md), else from its
-default. `-v` says more, `-q` says nothing but errors; both may stand before or after the name of the command.
+default. `-v` prints more, `-q` only errors; both may stand before or after the name of the command.
 
 | exit code | meaning |
 |---|---|
 | 0 | done, every gate passed |
-| 1 | done, a gate fell (`--max-rms`, cross-check); the report is written |
+| 1 | done, a gate failed (`--max-rms`, cross-check); the report is written |
 | 2 | usage or configuration |
 | 3 | data: unreadable, too few views or points, not a number |
 | 4 | estimation failed: degenerate configuration, diverged |
-| 70 | a bug of camcal: one line and where the log is; the traceback with `-vv` |
+| 70 | a bug in camcal: one line and where the log is; the traceback with `-vv` |
 | 130 | interrupted |
-| 141 | the program that read camcal's output went away |
+| 141 | the program that read camcal's output has ended |
 """
 
 

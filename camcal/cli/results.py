@@ -13,12 +13,12 @@ def deliver_route(
     found: dict[str, Any], options: Mapping[str, Any], as_table: Callable[[dict[str, Any]], Any]
 ) -> int:
     """Show the warnings of a route's report, deliver it, and return the exit code; see `deliver`."""
-    from camcal.cli.job import GATE_FELL
+    from camcal.cli.job import GATE_FAILED
 
     for warning in found["warnings"]:
         note(f"{warning['message']} {warning['hint']}")
     deliver(found, options, "Report", lambda: as_table(found))
-    return GATE_FELL if found["verdict"] == "fail" else 0
+    return GATE_FAILED if found["verdict"] == "fail" else 0
 
 
 def deliver(

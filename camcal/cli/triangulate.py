@@ -26,7 +26,7 @@ def command(ctx: click.Context, cameras: tuple[Path, ...], points: Path, **optio
     CAMERAS is a file of DLT coefficients (11 rows, a column a camera), a rig, or several reports of one view.
     POINTS2D is a table camera,point,u,v[,sigma]; cameras by name, or counted from 1.
     """
-    from camcal.cli.job import GATE_FELL, command_line, output_is_free
+    from camcal.cli.job import GATE_FAILED, command_line, output_is_free
     from camcal.cli.output import emit
 
     output_is_free(options)
@@ -41,7 +41,7 @@ def command(ctx: click.Context, cameras: tuple[Path, ...], points: Path, **optio
         note(f"{counted(len(found['points']), 'point')} written to {options['output']}.")
     if options["output"] is None or options["format"] != "table":
         emit(found, options["format"], lambda: _table(found))
-    return GATE_FELL if found["verdict"] == "fail" else 0
+    return GATE_FAILED if found["verdict"] == "fail" else 0
 
 
 def _table(found: dict[str, Any]) -> Any:

@@ -94,7 +94,7 @@ def _missing(path: Path) -> tuple[str, str]:
         return "folder", f"For a camera: /dev/video{path.name}. For a folder: make it first."
     if path.parent == Path("/dev"):
         there = ", ".join(map(str, sorted(path.parent.glob("video*")))) or "none"
-        return "camera", f"Is it connected? Of /dev/video* there is: {there}."
+        return "camera", f"Is it connected? Existing devices: {there}."
     if is_film(path):
         return "film", "Check the path."
     return "folder", "Make it first, then let the pictures arrive there."

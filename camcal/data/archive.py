@@ -120,7 +120,7 @@ def _numeric(array: Array, name: str, path: str) -> Array:
 
 def _bad_shapes(path: str, xyz: Array, uv: Array) -> DataError:
     return DataError(
-        f"{path}: xyz {xyz.shape} and uv {uv.shape} do not go together; (N, 3) and (N, 2) are needed.",
+        f"{path}: xyz {xyz.shape} and uv {uv.shape} do not match; (N, 3) and (N, 2) are needed.",
         "Or (V, N, 3) and (V, N, 2) for V views of N points each.",
     )
 

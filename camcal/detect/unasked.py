@@ -114,7 +114,7 @@ def _as_checkerboard(
         sizes = ", ".join(f"{c}x{r} ({n})" for (c, r), n in Counter(shown).most_common(MOST_REASONS))
         (columns, rows), _ = Counter(shown).most_common(1)[0]
         raise DataError(
-            f"{len(shown)} of {len(looked)} pictures show a checkerboard, but too few show its end, "
+            f"{len(shown)} of {len(looked)} pictures show a checkerboard, but too few show its border, "
             f"and they do not agree on its size: {sizes}.",
             f"Give its size in inner corners, as in --board {columns}x{rows}. A picture in which something (a hand) "
             "covers an outer row of corners shows a smaller board: leave it out, or hold the board by its margin.",

@@ -42,7 +42,7 @@ def against_cv2(stage: Stage, solution: Calibration) -> Entry | None:
     if made["status"] == "fail" and pinhole.rms_point > OTHER_MINIMA * solution.rms_point:
         made["status"] = "not_applicable"
         made["why"] = (
-            f"the lens is no pinhole, and without distortion there are several minima; {made['why']}"
+            f"the lens is not a pinhole, and without distortion there are several minima; {made['why']}"
         )
     if made["difference"] is not None:
         apart = difference(start, pinhole.camera, image_grid(*bounds(solution)))

@@ -174,7 +174,7 @@ def compare(
         second = _second_chance(run, task, solution)
         if second is not None and second.rms_point < first.rms_point:
             best = second
-            said.append(f"begun {first.start}, cv2 ends at rms {first.rms_point:.9g} px")
+            said.append(f"started {first.start}, cv2 ends at rms {first.rms_point:.9g} px")
     return _judged(solution, best, against, said)
 
 
@@ -210,7 +210,7 @@ def _judged(solution: Calibration, result: Result, against: str, said: list[str]
     elif not (apart.max_px <= PROJECTION_PX or sigmas <= same_sigmas(solution, result.rounded)):
         status = "fail"
         said.append(f"the same rms, but projections differ by up to {apart.max_px:.3g} px")
-    said.append(f"cv2 began {result.start}")
+    said.append(f"cv2 started {result.start}")
     opencv = {
         "rms_point": theirs,
         "matrix": result.camera.matrix.tolist(),

@@ -195,7 +195,7 @@ def _compare(stage: str, pair: _Pair) -> Entry:
     run, against = (_run_fisheye, FISHEYE) if pair.fisheye else (_run, AGAINST)
     cameras, relative, distortion = run(pair)
     rig = Rig(dict(zip((a, b), cameras, strict=True)), {b: relative}, a)
-    said = f"{pair.remark}; cv2 began at the intrinsics of each camera alone"
+    said = f"{pair.remark}; cv2 started at the intrinsics of each camera alone"
     return _judged(stage, against, fit, rig, said, {"distortion": distortion})
 
 

@@ -32,7 +32,7 @@ def finished(*args, **kwargs):
 @pytest.mark.parametrize(
     ("what", "code", "lines"),
     [
-        ("camcal", 1, ["Error: a gate fell.", "  one thing to try", "  and another"]),
+        ("camcal", 1, ["Error: a gate failed.", "  one thing to try", "  and another"]),
         ("usage", 2, ["Error: a contradiction.", "  leave one out"]),
         ("data", 3, ["Error: 2 images were found; 3 are needed."]),
         ("estimation", 4, ["Error: degenerate.", "  tilt the board"]),
@@ -53,7 +53,7 @@ def test_a_bug_is_one_line_and_a_log(toy, tmp_path, what):
     assert code == 70
     assert out == ""
     assert err.count("\n") == 1
-    assert "a bug of camcal" in err
+    assert "a bug in camcal" in err
     assert str(log) in err
     text = log.read_text()
     assert "Traceback" in text
@@ -110,7 +110,7 @@ def test_real_entry_point_data():
 def test_real_entry_point_bug():
     code, out, err = finished("toy", "bug", program=TOY_PROGRAM)
     assert (code, out) == (70, "")
-    assert "a bug of camcal: ZeroDivisionError: division by zero" in err
+    assert "a bug in camcal: ZeroDivisionError: division by zero" in err
     assert "Traceback" not in err
 
 

@@ -10,7 +10,7 @@ from camcal.cli.options import options, resolved_options
 from camcal.cli.verbosity import verbosity_options
 
 FAILURES = {
-    "camcal": errors.CamcalError("a gate fell.", "one thing to try\nand another"),
+    "camcal": errors.CamcalError("a gate failed.", "one thing to try\nand another"),
     "usage": errors.UsageError("a contradiction.", "leave one out"),
     "data": errors.DataError("2 images were found; 3 are needed."),
     "estimation": errors.EstimationError("degenerate.", "tilt the board"),

@@ -73,9 +73,9 @@ def with_value(array, place, value):
     [
         ({"xyz": XYZ}, "no array 'uv'"),
         ({"uv": UV, "arr_0": XYZ}, "no array 'xyz'"),
-        ({"xyz": XYZ, "uv": UV[:5]}, r"xyz \(6, 3\) and uv \(5, 2\) do not go together"),
-        ({"xyz": XYZ.T, "uv": UV.T}, "do not go together"),
-        ({"xyz": XYZ[:0], "uv": UV[:0]}, "do not go together"),
+        ({"xyz": XYZ, "uv": UV[:5]}, r"xyz \(6, 3\) and uv \(5, 2\) do not match"),
+        ({"xyz": XYZ.T, "uv": UV.T}, "do not match"),
+        ({"xyz": XYZ[:0], "uv": UV[:0]}, "do not match"),
         ({"xyz": XYZ, "uv": UV, "sigmaa": np.ones(6)}, "unknown array 'sigmaa'"),
         ({"xyz": XYZ, "uv": UV, "points2d": UV}, "two arrays mean uv"),
         ({"xyz": XYZ, "uv": UV.astype(str)}, r"uv holds <U32 of shape \(6, 2\); an array of real numbers"),

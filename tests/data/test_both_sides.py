@@ -35,9 +35,9 @@ def test_a_rotation_of_few_digits():
             mended = checks.rigid(Pose(matrix, np.zeros(3)), "a").rotation
             np.testing.assert_allclose(mended @ mended.T, np.eye(3), atol=1e-15)
         else:
-            with pytest.raises(DataError, match="is no rotation"):
+            with pytest.raises(DataError, match="is not a rotation"):
                 checks.rigid(Pose(matrix, np.zeros(3)), "a")
-    with pytest.raises(DataError, match="is no rotation"):
+    with pytest.raises(DataError, match="is not a rotation"):
         checks.rigid(Pose(np.diag([1.0, 1, -1]), np.zeros(3)), "a")
 
 

@@ -104,7 +104,7 @@ def check_left(folder, done, kind, at):
     """Nothing half-written, nobody else's file touched, an exit code of the table, no traceback."""
     where = (kind, at, done)
     assert done["code"] in EXPECTED[kind], where
-    assert "Traceback" not in done["said"] and "bug of camcal" not in done["said"], where
+    assert "Traceback" not in done["said"] and "bug in camcal" not in done["said"], where
     lines = [x for x in done["said"].splitlines() if x.startswith("Error:")]
     if kind not in ("kill", "terminate") and done["code"] not in (0, 1):
         assert len(lines) == 1, where

@@ -48,7 +48,7 @@ def _read(source: Source) -> CameraFile:
     found, notes = [], []
     for key, table in _tables(source).items():
         if table.get("ignore"):
-            notes.append(f"camera '{key}' is marked to be ignored, and read")
+            notes.append(f"camera '{key}' is marked as ignored; it is read nevertheless")
         found.append(NamedCamera(str(table.get("name", key)), _camera(table), _pose(table)))
     return CameraFile(tuple(found), tuple(notes))
 

@@ -45,7 +45,7 @@ def _values(source: Source) -> dict[str, Any]:
             found[name] = literal(value)
         except ValueError:
             raise DataError(
-                f"camera.{name} is no number, text or tuple.", "Is it a preset of Blender?"
+                f"camera.{name} is not a number, a text or a tuple.", "Is it a preset of Blender?"
             ) from None
     return found
 

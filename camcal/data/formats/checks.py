@@ -89,7 +89,7 @@ def rigid(pose: Pose, name: str) -> Pose:
     away = float(np.abs(r @ r.T - np.eye(3)).max())
     if away > ROTATION or np.linalg.det(r) < 0:
         raise DataError(
-            f"camera '{name}': its rotation matrix is no rotation.", "Is it transposed or mirrored?"
+            f"camera '{name}': its rotation matrix is not a rotation.", "Is it transposed or mirrored?"
         )
     if away > ROUNDING:
         u, _, vt = np.linalg.svd(r)

@@ -275,7 +275,7 @@ FORMAT = Format(
     traps=(
         "The principal point is half a pixel larger than OpenCV's.",
         "A file of several cameras without rigs.txt has no poses between them.",
-        "FOV and the fisheye models are angles' models: `FOV` is Devernay and Faugeras' with w in rad.",
+        "FOV and the fisheye models are functions of the angle: `FOV` is Devernay and Faugeras' with w in rad.",
         "THIN_PRISM_FISHEYE and RAD_TAN_THIN_PRISM_FISHEYE have no counterpart here: they are refitted.",
     ),
     source="COLMAP, documentation (cameras, output format, FAQ) and src/colmap/sensor/models.h",

@@ -181,7 +181,7 @@ def target_format(path: str | os.PathLike, name: str | None) -> Format:
         )
     form = named_format(known)
     if form.write is None:
-        raise UsageError(f"{form.title} can be read, not written.", "`camcal list formats` says which can.")
+        raise UsageError(f"{form.title} can be read, not written.", "`camcal list formats` shows which can.")
     return form
 
 

@@ -66,7 +66,7 @@ def _read(source: Source) -> CameraFile:
         )
     if said:
         return CameraFile(tuple(found))
-    note = f"the file says no image size: {LONGER} px is taken for the longer side; --image-size says it"
+    note = f"the file has no image size: {LONGER} px is assumed for the longer side; give --image-size if it is known"
     return CameraFile(tuple(found), (note,))
 
 
@@ -150,7 +150,7 @@ FORMAT = Format(
     size=False,
     order="focal (mm), crop factor, k1 k2 (poly3, poly5) or a b c (ptlens) over half the shorter side",
     traps=(
-        "The file knows no px: without --image-size the longer side is taken as 6000 px.",
+        "The file has no lengths in px: without --image-size the longer side is taken as 6000 px.",
         "center is how far the principal point is off the middle of the image, over half the shorter side.",
         "ptlens has odd powers of the radius: --to-model refits it.",
         "Focal lengths are in mm of the sensor that the crop factor stands for; camcal writes a full-frame one.",

@@ -55,7 +55,9 @@ def _read(source: Source) -> CameraFile:
                 "it holds an object of MATLAB (a session or cameraParameters), which only MATLAB can read.",
                 AS_STRUCT,
             )
-        raise DataError(f"no camera in it: none of {NEEDED}.", "Corners without a camera are no camera file.")
+        raise DataError(
+            f"no camera in it: none of {NEEDED}.", "A file of corners without a camera is not a camera file."
+        )
     if hasattr(found, "CameraParameters1"):
         return _pair(found)
     return _one(found)

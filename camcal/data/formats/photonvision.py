@@ -114,6 +114,6 @@ WPILIB = Format(
     ("opencv5", "opencv8", "opencv12", "opencv14"),
     size=False,
     order="camera_matrix row by row in one list; distortion_coefficients in OpenCV's order",
-    traps=("The file does not say how large the image is.",),
+    traps=("The file does not contain the size of the image.",),
     source="WPILib, wpical",
 )

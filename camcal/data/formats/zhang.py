@@ -49,7 +49,7 @@ FORMAT = Format(
     order="alpha gamma beta u0 v0; k1 k2",
     traps=(
         "gamma, the skew, stands second.",
-        "The file does not say how large the image is.",
+        "The file does not contain the size of the image.",
         "The poses of the views are omitted.",
     ),
     source="Z. Zhang, camera calibration, completed calibration of the example data",

@@ -216,14 +216,14 @@ def _instructions(target: Target, lengths: tuple[float, float]) -> tuple[str, ..
     return (
         'Print at 100 % ("actual size"), not fitted to the page, on matt paper.',
         f"Measure both rulers with a steel rule or calipers. {_ruler_words(lengths)}. If both are off by the same "
-        "share, multiply the lengths of the target in this file by it. If they differ from each other by more than "
+        "factor, multiply the lengths of the target in this file by it. If they differ from each other by more than "
         "0.2 %, the printer stretches the page: use another one, or calibrate with --board-shape print.",
         "For an accurate scale, measure across all squares, not across a single one.",
         "Glue the sheet all over to something flat and stiff: float glass, an aluminium composite panel, or the like. "
-        "Hold a straight edge against it in all directions: a gap of a thousandth of its width costs more than any "
-        "corner detector can give back. Do not laminate it: glare hides corners.",
-        "Take 15 to 30 pictures that fill the whole picture between them, tilted by 20 to 45 degrees to all sides, "
-        "near and far, with the focus and the zoom fixed.",
+        "Hold a straight edge against it in all directions: a gap of a thousandth of its width causes a larger error "
+        "than that of any corner detector. Do not laminate it: glare hides corners.",
+        "Take 15 to 30 pictures, with the board in all parts of the picture, tilted by 20 to 45 degrees in all "
+        "directions, near and far, with focus and zoom fixed.",
     )
 
 
