@@ -9,7 +9,7 @@ from typing import Any
 
 from camcal.batch.run import MOST_IN_GROUP
 from camcal.batch.storage import Storage
-from camcal.batch.work import summary_row
+from camcal.batch.summary import summary_row
 from camcal.data.points import read_points
 from camcal.plan.calibrate import calibrate_many
 from camcal.report.document import compact_document

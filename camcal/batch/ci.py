@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from camcal.batch.rows import Row
 from camcal.batch.storage import is_remote
-from camcal.batch.work import DONE
+from camcal.batch.summary import DONE
 from camcal.report import ci
 from camcal.report.ci import Check
 

@@ -21,9 +21,11 @@ ADDRESS = re.compile(r"[a-z]+://.+|[^/]+:\d+")
 NEEDED = (
     "camcal.batch.work",
     "camcal.plan.calibrate",
+    "camcal.data.formats.camcal",
     "camcal.data.points",
     "camcal.report.rig",
     "camcal.report.yaml",
+    "camcal.start.zhang",
 )
 #: how often Dask gives a job to another worker after its worker was lost
 RETRIES = 3

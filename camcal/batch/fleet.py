@@ -24,7 +24,7 @@ import numpy as np
 
 from camcal.assess.figures import ranked
 from camcal.batch.rows import Row, Rows
-from camcal.batch.work import DONE
+from camcal.batch.summary import DONE
 from camcal.least_squares.distributions import t_bound
 from camcal.least_squares.scales import MAD
 from camcal.records import dataclass

@@ -12,7 +12,7 @@ import numpy as np
 
 from camcal.batch.fleet import Control
 from camcal.batch.rows import Row
-from camcal.batch.work import DONE, FAILED
+from camcal.batch.summary import DONE, FAILED
 from camcal.report import html
 from camcal.report.charts.base import Chart, Layer, Line, Points
 from camcal.report.charts.svg import svg

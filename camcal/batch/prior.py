@@ -22,7 +22,7 @@ import numpy as np
 from camcal.batch.fleet import LEAST, type_of
 from camcal.batch.rows import Row
 from camcal.batch.storage import Storage
-from camcal.batch.work import DONE
+from camcal.batch.summary import DONE
 from camcal.data.formats.camcal import camera_of_entry
 from camcal.report.camera import camera_document, camera_entry
 from camcal.report.plain import plain

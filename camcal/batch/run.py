@@ -18,7 +18,8 @@ from camcal.batch.executors import Cluster, Local, open_pool
 from camcal.batch.jobs import Job
 from camcal.batch.rows import Row, Rows, packed
 from camcal.batch.storage import Storage, shown
-from camcal.batch.work import DONE, FAILED, JOB, run_jobs, summary_row
+from camcal.batch.summary import DONE, FAILED, summary_row
+from camcal.batch.work import JOB, run_jobs
 from camcal.detect.workers import one_thread_each
 from camcal.errors import CamcalError, UsageError
 from camcal.system.documents import parse_yaml
