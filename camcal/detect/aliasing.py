@@ -9,13 +9,13 @@ import numpy as np
 from camcal.detect.fit import Fits
 from camcal.detect.part import Picture, white
 from camcal.detect.windows import Windows
+from camcal.least_squares.scales import UNIFORM
 
 Array = np.ndarray
 
 #: least share of a window's pixels with grey values between black and white. Averaging over the area of a pixel alone
 #: makes an edge 1 px wide, in the 4 to 5 px band of a first fit; a smaller share means that there is no anti-aliasing
 BETWEEN = 0.05
-SAMPLING = 0.29  #: px; 1/sqrt(12): an edge is equally likely anywhere between two rows of pixels
 
 
 def is_aliased(picture: Picture, windows: Windows) -> bool:
@@ -36,7 +36,8 @@ def grey_limits(picture: Picture, windows: Windows) -> tuple[float, float]:
 def with_sampling(fits: Fits, axes: Array) -> Fits:
     """Fits of an aliased picture, with the uncertainty of its edges added to the covariance.
 
-    An edge that crosses n rows or columns of pixels moves by 1 / (n + 1) px before a pixel changes.
+    An edge is equally likely anywhere between two rows of pixels; one that crosses n rows or columns moves by
+    1 / (n + 1) px before a pixel changes.
 
     Parameters
     ----------
@@ -50,5 +51,5 @@ def with_sampling(fits: Fits, axes: Array) -> Fits:
     )  # of the edges along rows, columns
     crossed = 2 * np.abs(axes[:, ::-1]).min(2)
     inverse = np.linalg.inv(normal)
-    across = inverse * (SAMPLING / (1 + crossed))[:, None, :]
+    across = inverse * (UNIFORM / (1 + crossed))[:, None, :]
     return replace(fits, covariance=fits.covariance + across @ across.transpose(0, 2, 1))

@@ -9,6 +9,7 @@ import numpy as np
 from camcal.detect import edge_model as model
 from camcal.detect.windows import Inner, Windows
 from camcal.least_squares import Normal, Options, Small, damped_steps, minimise, negligible
+from camcal.least_squares.scales import UNIFORM
 from camcal.records import dataclass
 
 Array = np.ndarray
@@ -23,7 +24,7 @@ SHORT = 0.05
 LONG = 0.5  #: blurs; for a longer step the derivatives at its start no longer describe the edges
 SLIGHT = 1e-8  #: damping of those steps, which keeps the equations of windows without an edge solvable
 STILL = 0.01  #: px; a corner whose next step is shorter after the last iteration has converged
-ROUNDING = 0.29  #: grey levels; 1/sqrt(12), the rounding error of integer grey values
+ROUNDING = UNIFORM  #: grey levels; the rounding error of integer grey values
 #: px⁴, of the half-contrast over the blur⁴: residual of a Gaussian edge averaged over a square pixel, whose fourth
 #: cumulant is 1/120 px⁴, which changes the edge 2 Φ - 1 by (1/120) / 24 times 2 He3 φ / s⁴; He3 φ is .36 (rms)
 SQUARE_PIXEL = 2.5e-4

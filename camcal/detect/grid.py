@@ -23,10 +23,8 @@ NEAREST = (
 #: rad (23 degrees), half of what separates a ray from the diagonal; how far a ray may point past the neighbour
 ANGLE = 0.40
 LEAST_NODES = 6  #: marks of a component: two rows of three, two squares side by side; fewer may be chance
-LEAST_SIDE = (
-    3  #: marks along each side of a board of unknown size: two rows are also found on frames and stripes
-)
-MOST_PIECES = 4  #: grids of a picture that are examined, the largest first: the time limit of a picture
+LEAST_SIDE = 3  #: marks along each side of a board of unknown size; smaller grids also arise by chance
+MOST_PIECES = 4  #: grids of a picture that are examined, the largest first; a limit of work
 STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))  #: of (column, row) along the rays, clockwise in the picture
 
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from camcal.detect.pyramid import MASK, MASK_NORM
-from camcal.least_squares.scales import NORMAL_MEDIAN
+from camcal.least_squares.scales import NORMAL_MEDIAN, UNIFORM
 from camcal.records import dataclass
 
 Array = np.ndarray
@@ -28,7 +28,7 @@ WEAKEST, STRONG = 0.25, 0.9
 #: curvature along a thin line over that across it, above which it crosses another
 CROSSING = 0.3
 #: noise of a picture without any (rounding to 8 bits), grey levels
-ROUNDING = 1 / np.sqrt(12)
+ROUNDING = UNIFORM
 #: px; width of the border in which filters are incomplete: three widths of the larger filter
 MARGIN = 6
 

@@ -1,8 +1,12 @@
-"""Scales of the normal distribution that robust estimators share, in units of its standard deviation σ."""
+"""Scales of the normal and the uniform distribution."""
 
 from __future__ import annotations
 
-#: median of |x|: the 75 % quantile
+import math
+
+#: standard deviation of a uniform distribution of width 1: of what rounding to whole numbers leaves
+UNIFORM = 1 / math.sqrt(12)
+#: median of |x| of the normal distribution, in σ: the 75 % quantile
 NORMAL_MEDIAN = 0.6744897501960817
 #: σ over the median absolute deviation (P. Rousseeuw & C. Croux, Alternatives to the median absolute deviation, 1993)
 MAD = 1 / NORMAL_MEDIAN

@@ -41,6 +41,7 @@ from camcal.model.pose import Pose
 from tests.detect import drawing
 from tests.detect.scenes import make, straight_camera
 from tests.detect.test_limits_edges import dark_square
+from tests.sides import same_with_finer_and_not_with_coarser
 
 SIZE = (7, 5)
 
@@ -275,16 +276,9 @@ LIMITS = {
 
 @pytest.mark.parametrize("name", LIMITS)
 def test_finer_is_the_same_and_coarser_is_not(monkeypatch, name):
-    coarse, fine, tolerance, example = LIMITS[name]
     module, _, constant = name.rpartition(".")
     owner = circles if module == "circles" else importlib.import_module(f"camcal.detect.{module}")
-    limit = getattr(owner, constant)
-    found = []
-    for value in (limit, fine, coarse):
-        monkeypatch.setattr(owner, constant, value)
-        found.append(np.nan_to_num(np.asarray(example(), float)))
-    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=tolerance)
-    assert found[0].shape != found[2].shape or np.abs(found[0] - found[2]).max() > tolerance
+    same_with_finer_and_not_with_coarser(monkeypatch, owner, constant, *LIMITS[name])
 
 
 # ------------------------------------------------------------------------------------ exact ones
@@ -349,11 +343,10 @@ def test_pixels_of_windows(reach):
 
 def test_edges_of_an_aliased_picture():
     """An edge along the pixels may lie anywhere between two rows; one across n of them within 1 / (n + 1)."""
-    assert pytest.approx(1 / np.sqrt(12), rel=0.01) == aliasing.SAMPLING
     fits = Fits(np.zeros((1, 7)), np.zeros((1, 2, 2)), np.zeros(1), np.ones(1, bool))
     along = aliasing.with_sampling(fits, 8 * np.eye(2)[None]).covariance[0]
-    np.testing.assert_allclose(along, aliasing.SAMPLING**2 * np.eye(2))
+    np.testing.assert_allclose(along, aliasing.UNIFORM**2 * np.eye(2))
     turn = np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]])
     across = aliasing.with_sampling(fits, 8 * turn[None]).covariance[0]
     crossed = 2 * 8 * np.sin(0.3)
-    assert np.sqrt(across[0, 0]) == pytest.approx(aliasing.SAMPLING / (1 + crossed))
+    assert np.sqrt(across[0, 0]) == pytest.approx(aliasing.UNIFORM / (1 + crossed))

@@ -215,7 +215,6 @@ def test_the_least_noise_of_a_fit():
         assert fit._noise(np.array([0.5 * 100 * noise**2]), np.array([107]), params)[0] == pytest.approx(
             found
         )
-    assert pytest.approx(1 / np.sqrt(12), rel=0.01) == fit.ROUNDING
     params[:, edge_model.CONTRAST] = 1e5
     assert fit._noise(np.zeros(1), np.array([107]), params)[0] == pytest.approx(
         1e5 * fit.SQUARE_PIXEL, rel=1e-3

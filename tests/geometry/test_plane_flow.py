@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camcal.geometry import rotations
-from camcal.geometry.plane_flow import fit_flow, flow_at
+from camcal.geometry.plane_flow import LEAST_POINTS, fit_flow, flow_at
 
 SIZE, FOCAL = (640, 480), 600.0
 BOARD = np.stack([*np.meshgrid(np.arange(9.0), np.arange(6.0)), np.zeros((6, 9))], -1).reshape(-1, 3) - [
@@ -35,4 +35,6 @@ def test_a_moving_plane_has_eight_numbers(seed):
 def test_points_that_do_not_determine_it_have_none():
     line = np.c_[np.linspace(0, 600, 9), np.linspace(0, 300, 9)]
     assert fit_flow(line, np.ones_like(line), SIZE) is None
-    assert fit_flow(seen(np.zeros(3), np.array([0, 0, 16.0]))[:5], np.zeros((5, 2)), SIZE) is None
+    uv = seen(np.zeros(3), np.array([0, 0, 16.0]))[[0, 8, 20, 30, 45, 53]]
+    assert fit_flow(uv[:LEAST_POINTS], np.zeros((LEAST_POINTS, 2)), SIZE) is not None
+    assert fit_flow(uv[: LEAST_POINTS - 1], np.zeros((LEAST_POINTS - 1, 2)), SIZE) is None

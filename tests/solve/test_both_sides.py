@@ -326,3 +326,32 @@ def test_an_instant_far_from_the_pose_of_a_pair(monkeypatch):
         poses = rig_start.Poses.stack([Pose(np.eye(3), np.array([0.0, 0, 5]))] * 9)
         found = rig_start._averaged(poses, poses, np.ones(9), Pose.identity(), [Pose.identity()], grid())
         assert found.information == counted
+
+
+# ------------------------------------------------------------------------------------ starts
+def test_views_that_are_moved_into_the_domain_of_a_lens(good):
+    """No point is farther from the axis than the angle, and those nearer stay."""
+    data, poses = good.observations, good.poses
+    for degrees in (5.0, 80.0):
+        moved = starts._pushed(poses, data, np.radians(degrees))
+        for view, r, t, before in zip(
+            data.views, moved.rotations, moved.translations, poses.translations, strict=True
+        ):
+            x, y, z = (view.xyz @ r.T + t).T
+            largest = np.degrees(np.arctan2(np.hypot(x, y), z)).max()
+            assert largest <= degrees + 1e-6
+            assert (largest == pytest.approx(degrees)) == (degrees < 20)
+            assert (t == before).all() == (degrees > 20)
+    (part, first), (other, second) = starts.CONES
+    assert 1 > part > other > 0.8 and np.pi / 2 > first > second  # the farther ones first, then with a margin
+
+
+def test_principal_points_from_which_is_started_again(good, monkeypatch):
+    """Half-way and at the end of the joint interval of the principal point, in eight directions."""
+    monkeypatch.setattr(starts, "start_poses", lambda camera, _: camera)
+    centre = good.camera.matrix[:2, 2]
+    sigmas = {"cx": 3.0, "cy": 2.0}
+    tried = starts.about(good, sigmas, {})
+    off = (np.array([c.matrix[:2, 2] for c, _ in tried]) - centre) / (3, 2)
+    assert len(tried) == 1 + 8 * len(starts.REACHES)
+    assert sorted({round(float(v), 6) for v in np.abs(off).max(1)}) == [0.0, *starts.REACHES]

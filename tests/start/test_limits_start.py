@@ -8,7 +8,7 @@ import pytest
 
 from camcal.data.observations import Observations, View
 from camcal.errors import DataError, EstimationError
-from camcal.geometry import rotations
+from camcal.geometry import projective, rotations
 from camcal.model.pose import Pose, Poses
 from camcal.start import (
     absolute_pose,
@@ -51,6 +51,24 @@ def test_points_behind_the_camera_of_a_pose():
         poses = absolute_pose.candidates(xyz, turned)
         errors = [rotations.angle_between(p.rotation[None], truth.rotation[None])[0] for p in poses]
         assert (min(errors, default=9.0) < 1e-6) == found
+
+
+def test_rays_almost_at_right_angles_to_the_axis():
+    """They have no part in a pose from normalised coordinates."""
+    camera = SimpleNamespace()
+    xyz = scenes.board()
+    rays = xyz @ rotations.exp(np.array([0.3, 0.2, 0.0])).T + (0.0, 0.0, 0.6)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    for share, counts in ((LESS, False), (MORE, True)):
+        depth = share * projective.FLAT_RAY
+        wrong = rays.copy()
+        wrong[7] = np.sqrt(1 - depth**2), 0, depth
+        camera.unproject = lambda _, d=wrong: d
+        (found,) = known_pose.start_poses(camera, [view_of(xyz)])
+        exact = (
+            np.abs(found.apply(xyz) / np.linalg.norm(found.apply(xyz), axis=1)[:, None] - rays).max() < 1e-6
+        )
+        assert exact != counts
 
 
 @pytest.mark.parametrize(("count", "enough"), [(known_pose.LEAST, True), (known_pose.LEAST - 1, False)])
@@ -133,6 +151,20 @@ def test_noise_without_redundancy():
     assert zhang._variance(Observations.from_views([known], scenes.SIZE), 0.0) == 1.0
     more = scenes.board(5, 1)
     assert zhang._variance(Observations.from_views([View("a", more, more[:, :2])]), 0.5) == 0.5 / 2
+
+
+@pytest.mark.parametrize(("share", "determined"), [(LESS, False), (MORE, True)])
+def test_points_that_determine_a_homography(monkeypatch, share, determined):
+    made = scenes.scene(scenes.board(), scenes.tilts(2)).observations
+    solve = zhang.homography.Equations.solve
+
+    def weak(self, **how):
+        h, gap, cost = solve(self, **how)
+        return h, np.where(np.arange(len(gap)) == 1, share * zhang.UNDETERMINED, gap), cost
+
+    monkeypatch.setattr(zhang.homography.Equations, "solve", weak)
+    (found,) = zhang._planes([(made, made.shapes)])
+    assert isinstance(found, EstimationError) != determined
 
 
 # ------------------------------------------------------------------------------------ projection matrices

@@ -17,6 +17,7 @@ from camcal.track import (
     noise,
     physical_model,
     rig_changes,
+    rig_equations,
     robust,
     table,
 )
@@ -182,3 +183,49 @@ def test_instants_that_show_the_same_change(monkeypatch, share, alike):
     owner = rig_changes.RigFollower
     assert owner._alike(watch, instant, instant) == alike
     assert not owner._alike(watch, instant, alone)
+
+
+def test_directions_that_data_do_not_see():
+    """An eigenvalue of the normal equations, relative to the largest, whatever the units of the rows."""
+    units = np.array([1.0, 1e3, 1e-2])
+    for share, rank in ((MORE, 3), (LESS, 2)):
+        # of unit diagonal: two columns with the correlation 1 - e have the eigenvalues 2 - e and e
+        e = 2 * share * rig_equations.NULL
+        matrix = np.array([[1, 1 - e, 0], [1 - e, 1, 0], [0, 0, 1.0]]) * np.outer(units, units)
+        assert rig_equations.inverse(matrix)[1] == rank
+
+
+def test_instants_after_a_change():
+    """They have no test of their own, and the last of them ends the change."""
+    renewed, noted = [], []
+    watch = SimpleNamespace(
+        settling=("knock", rig_changes.SETTLING), kept=[], _note=lambda i, status: noted.append(status)
+    )
+    watch._renew = lambda: renewed.append(len(watch.kept))
+    while not renewed:
+        rig_changes.RigFollower._settle(watch, None)
+    assert renewed == [rig_changes.SETTLING] and set(noted) == {"settling"}
+    found = SimpleNamespace(since="b")
+    watch = SimpleNamespace(
+        kept=[], changes=[], settling=None, _alarm=lambda: found, _note=lambda *_, **__: None
+    )
+    rig_changes.RigFollower._add(watch, [SimpleNamespace(name=n) for n in "abc"])
+    assert watch.settling == (found, rig_changes.SETTLING) and [i.name for i in watch.kept] == ["b", "c"]
+
+
+def test_instants_that_are_kept():
+    """The longest window."""
+    watch = SimpleNamespace(kept=[], _alarm=lambda: None, _note=lambda *_, **__: None)
+    most = rig_changes.WINDOWS[-1]
+    for n in range(most + 3):
+        rig_changes.RigFollower._add(watch, [n])
+    assert watch.kept == list(range(3, most + 3))
+
+
+def test_a_depth_that_is_none():
+    """Points nearer to the camera's plane, in the unit of M, have no image."""
+    model = MatrixModel()
+    x = np.eye(4)[:3].ravel()[:11]  # the depth of a point is Z + 1
+    frame = lambda z: SimpleNamespace(xyz=np.array([[0.1, 0.2, z - 1]]), uv=np.zeros((1, 2)))  # noqa: E731
+    for share, valid in ((0.99, False), (1.01, True)):
+        assert model.linearise(x, frame(share * matrix_model.NEAREST))[1].tolist() == [valid]

@@ -12,10 +12,11 @@ from camcal.track import first, follow, recursive
 from camcal.track.follow import Follower
 from camcal.track.frames import Frame
 from camcal.track.gains import AdaptiveGain
-from camcal.track.noise import FLOOR, Noise
+from camcal.track.noise import FLOOR, MEMORY, Noise
 from camcal.track.output import Output
 from camcal.track.robust import FrameFit
 from camcal.track.table import Table
+from tests.sides import LESS, MORE
 
 from .helpers import make, sequence, with_points
 
@@ -71,18 +72,20 @@ def test_a_new_velocity_has_the_spread_of_a_hundred_frames():
 
 
 # ------------------------------------------------------------------------------------ the recursion
-def test_ten_frames_are_waited_for():
-    frames, _ = sequence("static", 10)
+def test_frames_that_are_waited_for():
+    frames, _ = sequence("static", recursive.PATIENCE)
     estimator = make("kalman")
-    for frame in frames[:9]:
+    for frame in frames[:-1]:
         assert estimator.update(with_points(frame, slice(0, 5))).status == "waiting"
     with pytest.raises(EstimationError, match="5 different points in the first frames; 6 are needed"):
-        estimator.update(with_points(frames[9], slice(0, 5)))
+        estimator.update(with_points(frames[-1], slice(0, 5)))
 
 
-@pytest.mark.parametrize(("near", "alone"), [(30, False), (29, True)])
+@pytest.mark.parametrize(
+    ("near", "alone"), [(round(50 * recursive.MAJORITY), False), (round(50 * recursive.MAJORITY) - 1, True)]
+)
 def test_a_majority_of_the_points_speaks_for_the_prediction(near, alone):
-    """Six in ten of 50 points near their prediction: 30 suffice, with 29 the frame gets a camera of its own."""
+    """So many of 50 points near their prediction suffice; with one fewer the frame gets a camera of its own."""
     estimator, frame = started()
     uv = frame.uv.copy()
     uv[near:] += np.random.default_rng(0).uniform(40, 80, (50 - near, 2))
@@ -91,9 +94,12 @@ def test_a_majority_of_the_points_speaks_for_the_prediction(near, alone):
     assert np.count_nonzero(reading.keep) == near
 
 
-@pytest.mark.parametrize(("near", "kept"), [(27, 27), (26, 29)])
+LEAST = int(np.ceil(29 * recursive.SAME))
+
+
+@pytest.mark.parametrize(("near", "kept"), [(LEAST, LEAST), (LEAST - 1, 29)])
 def test_a_camera_that_explains_hardly_more_points_is_not_another_camera(near, kept, monkeypatch):
-    """Nine in ten of the 29 points of the frame's own camera are 26.1."""
+    """Beside the 29 points of the frame's own camera."""
     estimator, frame = started()
     uv = frame.uv.copy()
     uv[near:] += np.random.default_rng(0).uniform(40, 80, (50 - near, 2))
@@ -103,7 +109,9 @@ def test_a_camera_that_explains_hardly_more_points_is_not_another_camera(near, k
     assert np.count_nonzero(estimator._read(Frame(1, frame.xyz, uv)).keep) == kept
 
 
-@pytest.mark.parametrize(("probability", "alone"), [(1.1e-3, False), (0.9e-3, True)])
+@pytest.mark.parametrize(
+    ("probability", "alone"), [(1.1 * recursive.SUSPECT, False), (0.9 * recursive.SUSPECT, True)]
+)
 def test_a_frame_that_contradicts_itself_is_examined(probability, alone):
     estimator, frame = started(gate=1e-12)
     noise = np.random.default_rng(0).normal(0, 0.3, frame.uv.shape)
@@ -138,22 +146,22 @@ def scattered(scatter):
 
 
 @pytest.mark.parametrize("sigma", [None, np.full(4, 0.5)])
-def test_a_scatter_of_three_sigmas_is_the_most(sigma):
+def test_the_largest_scatter_in_sigmas(sigma):
     uv = np.array([[0.0, 0], [100, 0], [0, 100], [100, 100]])
     frame = Frame(0, np.zeros((4, 3)), uv, sigma)
-    first._check_scatter(scattered(2.99 * 0.2), frame, 0.2)
+    first._check_scatter(scattered(LESS * first.SCATTER * 0.2), frame, 0.2)
     with pytest.raises(EstimationError, match="times as far"):
-        first._check_scatter(scattered(3.01 * 0.2), frame, 0.2)
+        first._check_scatter(scattered(MORE * first.SCATTER * 0.2), frame, 0.2)
 
 
 @pytest.mark.parametrize("unit", [1.0, 0.5])
-def test_a_scatter_of_a_fifth_of_the_picture_shows_no_camera(unit):
+def test_a_scatter_that_shows_no_camera(unit):
     """The four points have a standard deviation of 50 √2 px about their centre."""
     uv = np.array([[0.0, 0], [100, 0], [0, 100], [100, 100]])
     frame = Frame(0, np.zeros((4, 3)), uv, None if unit == 1 else np.full(4, unit))
-    first._check_scatter(scattered(0.199 * 50 * np.sqrt(2) / unit), frame, None)
+    first._check_scatter(scattered(LESS * first.BLIND * 50 * np.sqrt(2) / unit), frame, None)
     with pytest.raises(EstimationError, match="fit no camera"):
-        first._check_scatter(scattered(0.201 * 50 * np.sqrt(2) / unit), frame, None)
+        first._check_scatter(scattered(MORE * first.BLIND * 50 * np.sqrt(2) / unit), frame, None)
 
 
 def test_flat_points_are_those_of_a_ten_thousandth():
@@ -204,13 +212,13 @@ def test_when_the_physical_camera_has_moved():
 
 
 # ------------------------------------------------------------------------------------ noise and gains
-def test_the_noise_remembers_five_thousand_degrees_of_freedom():
-    noise = Noise()
-    noise.add(4 * 4999.0, 4999)
-    assert noise.dof == 4999 and noise.sigma == pytest.approx(2.0)
+def test_the_degrees_of_freedom_that_the_noise_remembers():
+    noise, most = Noise(), MEMORY
+    noise.add(4 * (most - 1), most - 1)
+    assert noise.dof == most - 1 and noise.sigma == pytest.approx(2.0)
     noise.add(4 * 1000.0, 1000)
-    assert noise.dof == 5000
-    noise.add(0.0, 5000)  # half of the weight from now on
+    assert noise.dof == most
+    noise.add(0.0, most)  # half of the weight from now on
     assert noise.sigma == pytest.approx(np.sqrt(2.0))
     exact = Noise()
     exact.add(0.0, 10)
@@ -239,20 +247,20 @@ def follower(tmp_path):
     return Follower(estimator, Output(Table(estimator.model), "csv", tmp_path / "t.csv"))
 
 
-def test_a_change_is_described_ten_frames_later(tmp_path):
+def test_a_change_is_described_some_frames_later(tmp_path):
     run = follower(tmp_path)
     frames, _ = sequence("knock", 60, knock=30, angle=0.5)
-    for frame in frames[:40]:
+    for frame in frames[: 30 + follow.SETTLE]:
         run._take(frame)
     assert run.summary.change_count == 0
-    run._take(frames[40])
+    run._take(frames[30 + follow.SETTLE])
     assert run.summary.change_count == 1
 
 
-def test_a_thousand_changes_are_kept_and_all_are_counted(tmp_path, monkeypatch):
+def test_so_many_changes_are_kept_and_all_are_counted(tmp_path, monkeypatch):
     run = follower(tmp_path)
     monkeypatch.setattr(follow, "explain", lambda alarm: alarm)
-    for number in range(1001):
+    for number in range(follow.KEPT + 1):
         run._alarm = number
         run._describe()
-    assert run.summary.change_count == 1001 and len(run.summary.changes) == 1000
+    assert run.summary.change_count == follow.KEPT + 1 and len(run.summary.changes) == follow.KEPT

@@ -14,6 +14,7 @@ import numpy as np
 from camcal.assess.checks.facts import Facts
 from camcal.assess.figures import standard_lengths
 from camcal.assess.warning import CalibrationWarning
+from camcal.least_squares.scales import UNIFORM
 
 #: Deviations of E[x²] beyond which the noise is not Gaussian. The mean of x² is skewed: of 100,000 and more clean sets
 #: simulated for each size, .16 % of those of 50 points, .08 % of 200 and .02 % of 700 were taken for heavy-tailed.
@@ -86,7 +87,7 @@ def rounded(facts: Facts) -> Iterator[CalibrationWarning]:
             yield CalibrationWarning(
                 "rounded-coordinates",
                 f"the image points are {words} pixels: rounding alone causes an error of "
-                f"{step / np.sqrt(12):.2g} px in each "
+                f"{step * UNIFORM:.2g} px in each "
                 "coordinate.",
                 "Give the points with all digits, or find them with sub-pixel accuracy.",
                 "note",

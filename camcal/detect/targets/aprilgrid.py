@@ -32,9 +32,8 @@ from camcal.system.reading import read_text
 Array = np.ndarray
 
 EXAMPLE = "aprilgrid:6x6:22mm:0.3"
-LARGEST_GAP = (
-    0.95  #: of a tag's side, of a grid that was not named: from 1 on, the squares in the gaps would be tags
-)
+#: of a tag's side, of a grid that was not named: at 1 the squares in the gaps are as large as the tags
+LARGEST_GAP = 0.95
 #: corners of a unit square, counter-clockwise from the lower left with y downward
 CORNERS = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
 #: which of them are cv2's corners 0 to 3: Kalibr prints tags rotated by 180 degrees relative to cv2
