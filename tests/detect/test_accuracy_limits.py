@@ -14,6 +14,7 @@ import pytest
 from camcal.detect import (
     aliasing,
     camera_pass,
+    candidates,
     disc_fit,
     discs,
     edge_blur,
@@ -58,6 +59,12 @@ def board(blur=1.0, noise=0.0, square=16):
 def blur_of_edges():
     gray, uv = board()
     return np.array(edge_blur.edge_blur(gray, Lattice(uv)))
+
+
+def directions():
+    """Of the four edges of the corners, radians."""
+    rays = candidates.find_candidates(board()[0]).marks.rays
+    return np.arctan2(rays[..., 1], rays[..., 0])
 
 
 def sides_by_fisheye():
@@ -247,6 +254,7 @@ LIMITS = {
     "edge_blur.SAMPLES": (5, 129, 0.03, blur_of_edges),
     "edge_blur.ACROSS": (0.9, 0.4, 0.05, blur_of_edges),
     "edge_blur.ENDS": (16, 2, 0.03, blur_of_edges),
+    "candidates.SPACING": (12.0, 0.4, 0.02, directions),
     "camera_pass.STEP": (30.0, 0.05, 1e-3, sides_by_fisheye),
     "local_map.RIDGE": (1e-2, 1e-12, 1e-6, bent_corners),
     "saddle.ENOUGH": (8, 10**6, 2e-4, sharpened),

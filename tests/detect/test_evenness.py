@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from camcal.detect.evenness import unevenness
+from camcal.detect.evenness import BLOCK, unevenness
 from camcal.detect.targets.base import Detection, Miss
 from camcal.detect.targets.checkerboard import UNEVEN, UNLIKE, Checkerboard, by_chance, find_any
 from camcal.geometry import homography
@@ -28,7 +28,9 @@ def test_the_picture_of_a_plane_is_even_also_with_gaps():
     assert unevenness(uv) < 1e-6
     uv[:, 1:] = np.nan
     assert unevenness(uv) == 0.0  # nothing to judge
-    assert unevenness(grid(9, 2)) == unevenness(grid(2, 9)) == 0.0
+    rough = np.random.default_rng(0).normal(0, 1, (9, 9, 2)) + grid(9, 9)
+    for rows, known in ((BLOCK, True), (BLOCK - 1, False)):
+        assert (unevenness(rough[:rows]) > 0) == (unevenness(rough[:, :rows]) > 0) == known
 
 
 def test_a_board_of_two_rows_in_a_noisy_picture():

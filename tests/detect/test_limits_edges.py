@@ -319,7 +319,8 @@ def test_a_corner_with_less_weight_in_the_shading():
         assert (abs(found / values.mean() - 1) < 1e-6) == whole
 
 
-def test_shading_of_corners_in_a_row():
+def test_shading_of_corners_in_a_row(monkeypatch):
+    """The ridge makes the equations solvable, and changes nothing where they are."""
     count = shading.LEAST_CORNERS
     row = np.c_[10.0 * np.arange(count), np.full(count, 50.0)]
     found = shading.slopes(row, 100 + 0.2 * row[:, 0], np.full(count, 40.0), np.ones(count, bool))
@@ -327,6 +328,9 @@ def test_shading_of_corners_in_a_row():
     spread = row + np.random.default_rng(0).normal(0, 20, row.shape)
     exact = shading.slopes(spread, 100 + 0.2 * spread[:, 0], np.full(count, 40.0), np.ones(count, bool))
     np.testing.assert_allclose(exact[..., 0], 0.2, rtol=1e-5)
+    monkeypatch.setattr(shading, "RIDGE", 0.0)
+    with pytest.raises(np.linalg.LinAlgError):
+        shading.slopes(row, 100 + 0.2 * row[:, 0], np.full(count, 40.0), np.ones(count, bool))
 
 
 # ------------------------------------------------------------------------------------ segments
