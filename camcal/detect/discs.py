@@ -21,9 +21,9 @@ Array = np.ndarray
 LEAST_AREA = 20.0  #: px of the reduced picture; a smaller disc is distorted too much by the pixel grid
 LEAST_OUTLINE = 12  #: px; length of the outline of such a disc
 MOST_SLENDER = 6.0  #: ratio of the axes: a tilt of 80 degrees
-#: of the area of an outline, by which that of the ellipse with its second moments may differ: that of a square differs
-#: by .05 (`ROUND` excludes it), that of a triangle by .21. Of the 4,132 outlines in 47 real pictures that pass all other
-#: tests, 1.7 % exceed it
+#: of the area of an outline, by which that of the ellipse with its second moments may differ: that of a square
+#: differs by .05 (`ROUND` excludes it), that of a triangle by .21. Of the 4,132 outlines in 47 real pictures that pass
+#: all other tests, 1.7 % exceed it
 AREA_TOLERANCE = 0.13
 ROUND = 0.045  #: of the radius, by which an outline may deviate from its ellipse; a square's deviates by 0.1
 PIXEL = 0.3  #: px; deviation of any outline caused by the pixel grid: 1 / sqrt(12), rounded up
