@@ -11,6 +11,7 @@ from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.routes import (
+    assumed_centre,
     epipolar,
     lifted,
     lines,
@@ -80,30 +81,13 @@ def test_focal_lengths_that_are_one_start(monkeypatch):
 def test_axes_that_meet(monkeypatch):
     pair = SimpleNamespace(matrix=np.eye(3))
     monkeypatch.setattr(epipolar, "focal_costs", lambda *_: np.ones((1, len(epipolar.FOCAL))))
-    limit = selfcalib.CENTRE * max(SIZE)
+    limit = assumed_centre.CENTRE * max(SIZE)
     monkeypatch.setattr(epipolar, "axes_apart", lambda *_: MORE * limit)
     assert selfcalib._focal([pair], SIZE) > 0
     monkeypatch.setattr(epipolar, "axes_apart", lambda *_: LESS * limit)
     assert selfcalib._focal([pair, pair], SIZE) > 0
     with pytest.raises(EstimationError, match="optical axes of the two views meet"):
         selfcalib._focal([pair], SIZE)
-
-
-def test_a_principal_point_of_views_that_is_known(monkeypatch):
-    lens = lenses.make("pinhole")
-    monkeypatch.setattr(selfcalib, "usable", lambda *_: [0])
-    monkeypatch.setattr(selfcalib, "_require_focal", lambda _: None)
-    monkeypatch.setattr(selfcalib, "adjusted", lambda bundle, *_: (bundle, 0, 0))
-    for share, freed in ((LESS, True), (MORE, False)):
-        sigmas = np.array([1.0, 1.0, 1.0, share * selfcalib.CENTRE * max(SIZE)])
-        made = selfcalib.SelfCalibration.__new__(selfcalib.SelfCalibration)
-        bundle = reconstruct.empty(PINHOLE, 2, 1)
-        for name, value in (("covariance", np.diag(sigmas**2)), ("bundle", bundle), ("assumed", ())):
-            object.__setattr__(made, name, value)
-        monkeypatch.setattr(selfcalib, "_result", lambda *_, m=made: m)
-        monkeypatch.setattr(selfcalib, "replace", lambda found, **new: new if "assumed" in new else found)
-        found = selfcalib._calibrated(bundle, None, lens, PINHOLE, {}, [])
-        assert (found is made) == freed
 
 
 # ------------------------------------------------------------------------------------ growing a reconstruction
@@ -304,7 +288,7 @@ def judged(monkeypatch, focal=1.0, centre=np.inf):
 
 
 def test_what_a_scene_determines(monkeypatch):
-    limit = scene.CENTRE * max(SIZE)
+    limit = assumed_centre.CENTRE * max(SIZE)
     assert judged(monkeypatch, centre=LESS * limit) and not judged(monkeypatch, centre=MORE * limit)
     assert not judged(monkeypatch, focal=LESS * scene.FOCAL * 800)
     with pytest.raises(EstimationError, match="undetermined"):
