@@ -270,6 +270,7 @@ def test_a_caption_that_is_too_long():
     """It has to fit on the page with the words about the rulers; otherwise it is the spec alone."""
     target = targets.make("checkerboard:9x6:10mm")
     usual = lay_out(target, "", "a4")
+    assert "print at 100 %" in usual.caption
     letters = int((usual.width - UNPRINTED - usual.caption_at[0]) / sheet.LETTER) - len(usual.caption)
     for more in (0, 1):
         spec = "x" * (letters + more)
