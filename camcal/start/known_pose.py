@@ -50,9 +50,12 @@ def start_poses(camera: Camera, views: Sequence[View]) -> Poses:
 
 
 def few_in_space(views: Sequence[View]) -> Array:
-    """Mask (V,) of the views with enough points in space for a pose but too few for a projection matrix."""
+    """Mask (V,) of the views with enough points in space for a pose but too few for a projection matrix.
+
+    `LEAST` are enough; fewer always lie on a plane.
+    """
     counts = np.array([len(v) for v in views])
-    return np.asarray(~shapes(views).planar & (counts >= LEAST) & (counts < shape.LEAST_3D))
+    return np.asarray(~shapes(views).planar & (counts < shape.LEAST_3D))
 
 
 def _best(view: View, rays: Array, ab: Array) -> Pose:
