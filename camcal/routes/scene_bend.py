@@ -55,13 +55,16 @@ def common_bend(lines: Lines, centre: Array) -> float:
 def with_distortion(
     scene: Scene, lines: Lines, fix: Mapping[str, float | None], seed: int, picture: bool
 ) -> Scene | None:
-    """The estimate with one term of distortion where the lines are bent and it has another focal length; else None."""
-    bend = common_bend(lines.take(scene.family >= 0), scene.camera.params[2:4])
-    if not abs(bend) > BENT:
+    """The estimate with one term of distortion where the lines show it and it has another focal length; else None."""
+    if not picture and not abs(common_bend(lines.take(scene.family >= 0), scene.camera.params[2:4])) > BENT:
         return None
     try:
         other = estimate(lines, make(WITH_DISTORTION), fix, seed, picture)
     except CamcalError:
+        return None
+    # segments of pictures are too short to be bent: together they show distortion by where they meet
+    sigmas = np.sqrt(np.diagonal(other.covariance))
+    if picture and not abs(other.camera.params[-1]) > BENT * sigmas[-1]:
         return None
     apart = abs(other.camera.params[0] - scene.camera.params[0])
     return other if apart > OFF * np.sqrt(scene.covariance[0, 0]) else None
