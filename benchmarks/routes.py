@@ -41,15 +41,16 @@ HEADER = (
 
 def study(case, noise, runs):
     """One row of the table."""
-    values, sigmas, refused = [], [], 0
+    values, sigmas, intervals, refused = [], [], [], 0
     for run in range(runs):
         try:
-            value, sigma = case.run(np.random.default_rng(10_000 + run), noise)
+            value, sigma, *interval = case.run(np.random.default_rng(10_000 + run), noise)
         except CamcalError:
             refused += 1
             continue
         values.append(value)
         sigmas.append(np.nan if sigma is None else sigma)
+        intervals += interval
     bound = case.bound * noise
     known = f"{bound:.3g}" if np.isfinite(bound) else "undetermined"
     cells = [
@@ -65,6 +66,8 @@ def study(case, noise, runs):
         return [*cells, "", "", "", ""]
     off, sigma = np.array(values) - case.truth, np.array(sigmas)
     held = np.abs(off) <= student.ppf(0.975, case.freedom) * sigma
+    if intervals:  # the route's own
+        held = np.array([low <= case.truth <= high for low, high in intervals])
     unit = bound if np.isfinite(bound) else 1.0
     spread = 1.4826 * np.median(np.abs(off - np.median(off)))
     astray = (np.abs(off) > 10 * bound) & ~held

@@ -35,7 +35,7 @@ class Case:
     truth : float
     bound : float
         The Cramér-Rao bound for noise of 1 px.
-    run : (random generator, noise in px) -> (estimate, its sigma or None)
+    run : (random generator, noise in px) -> (estimate, its sigma or None[, its 95 % interval])
         Raises a CamcalError where the route refuses.
     freedom : float
         Degrees of freedom of the noise that the sigmas are scaled by, where few.
@@ -46,7 +46,7 @@ class Case:
     figure: str
     truth: float
     bound: float
-    run: Callable[[np.random.Generator, float], tuple[float, float | None]]
+    run: Callable[[np.random.Generator, float], tuple]
     freedom: float = np.inf
 
 

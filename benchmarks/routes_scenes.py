@@ -162,10 +162,11 @@ def selfcalib_case(name: str, motion: list[Pose], centre_known: bool = False) ->
     view, point = np.repeat(np.arange(count), 60), np.tile(np.arange(60), count)
     fix = {"cx": float(MIDDLE[0]), "cy": float(MIDDLE[1])} if centre_known else {}
 
-    def run(rng: np.random.Generator, noise: float) -> tuple[float, float | None]:
+    def run(rng: np.random.Generator, noise: float) -> tuple[float, float, tuple[float, float]]:
         tracks = Tracks(view, point, exact + rng.normal(0, noise, exact.shape))
         found = selfcalib.estimate(tracks, count, 60, lenses.make("pinhole"), SIZE, fix)
-        return float(found.bundle.camera.params[0]), float(np.sqrt(found.covariance[0, 0]))
+        assert found.interval is not None
+        return float(found.bundle.camera.params[0]), float(np.sqrt(found.covariance[0, 0])), found.interval
 
     return Case("selfcalib", name, "f", F, bound(observe, truth), run)
 

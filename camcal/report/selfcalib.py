@@ -61,6 +61,8 @@ def report(
             "focal_length_from_pairs": float(found.start.params[0]),
             "focal_length_kruppa": kruppa_focal(found),
             "focal_length_dual_quadric": found.dual_quadric,
+            "focal_length_interval": found.interval
+            and [float(f) if np.isfinite(f) else None for f in found.interval],
             "rays_from_pairs": found.rays,
             "pairs": len(found.pairs),
             "views": int(found.bundle.known_views.sum()),

@@ -30,6 +30,7 @@ from camcal.records import dataclass
 from camcal.routes import assumed_centre, dual_quadric, epipolar, lifted
 from camcal.routes.bundle import Bundle, Tracks, adjust, camera_covariance
 from camcal.routes.bundle_outliers import adjusted
+from camcal.routes.focal_interval import focal_interval
 from camcal.routes.reconstruct import Pair, aligned, empty, first_pair, grow, pairs, usable, with_points
 from camcal.solve.parameters import apply_fixed, free_matrix
 
@@ -72,6 +73,8 @@ class SelfCalibration:
         Lens model behind the fundamental matrices: pinhole, division or rational.
     dual_quadric : float or None
         The focal length of the absolute dual quadric, px; None for two views, or if it is not real.
+    interval : (float, float) or None
+        The 95 % interval of the focal length, px; None if it was given.
     """
 
     bundle: Bundle
@@ -86,6 +89,7 @@ class SelfCalibration:
     pixels: Array
     rays: str = "pinhole"
     dual_quadric: float | None = None
+    interval: tuple[float, float] | None = None
 
 
 def estimate(
@@ -285,9 +289,21 @@ def _calibrated(
         sigmas, camera = np.sqrt(np.diagonal(freed.covariance)), freed.bundle.camera
         loose = assumed_centre.undetermined(camera, sigmas, tuple(centre))
         if not loose and sigmas[0] <= UNCERTAIN * camera.params[0]:
-            return freed
-        return _with_centre(replace(found, assumed=tuple(centre)), tracks, {**held, **centre})
-    return found
+            return _with_interval(freed, tracks, held)
+        found = replace(found, assumed=tuple(centre))
+    return _with_centre(_with_interval(found, tracks, {**held, **centre}), tracks, {**held, **centre})
+
+
+def _with_interval(
+    found: SelfCalibration, tracks: Tracks, held: Mapping[str, float | None]
+) -> SelfCalibration:
+    """The 95 % interval of the focal length by the noise."""
+    if "fx" in found.fixed:
+        return found
+    camera = found.bundle.camera
+    free = free_matrix(camera.lens, camera.params, dict(held))
+    sigma = float(np.sqrt(found.covariance[0, 0]))
+    return replace(found, interval=focal_interval(found.bundle, tracks.take(found.used), free, sigma))
 
 
 def _with_centre(found: SelfCalibration, tracks: Tracks, held: Mapping[str, float | None]) -> SelfCalibration:
@@ -300,7 +316,11 @@ def _with_centre(found: SelfCalibration, tracks: Tracks, held: Mapping[str, floa
         return None if fitted is None else fitted.state.camera.params
 
     more = assumed_centre.doubt(camera, found.assumed, refitted)
-    return replace(found, covariance=found.covariance + more)
+    interval = found.interval
+    if interval is not None and more[0, 0] > 0:
+        f, wider = float(camera.params[0]), float(np.sqrt(1 + more[0, 0] / found.covariance[0, 0]))
+        interval = f + wider * (interval[0] - f), f + wider * (interval[1] - f)
+    return replace(found, covariance=found.covariance + more, interval=interval)
 
 
 def _of_lens(lens: Lens, pinhole: Camera, fix: Mapping[str, float | None]) -> Camera:
