@@ -36,6 +36,9 @@ from camcal.solve.parameters import apply_fixed, free_matrix
 
 #: relative standard deviation of the focal length above which a motion is critical
 UNCERTAIN = 0.1
+#: ... and the part of it to either side that a 95 % interval may reach: 1.96 standard deviations. The standard deviation
+#: is small where f came out too small by chance, the interval is not
+WIDEST = 0.2
 #: added to 1 - σ2 / σ1 before its logarithm: what noise leaves of it at the right focal length
 SHARP = 1e-3
 LEAST_VIEWS = 2  #: one view has no parallax
@@ -302,8 +305,13 @@ def _with_interval(
         return found
     camera = found.bundle.camera
     free = free_matrix(camera.lens, camera.params, dict(held))
-    sigma = float(np.sqrt(found.covariance[0, 0]))
-    return replace(found, interval=focal_interval(found.bundle, tracks.take(found.used), free, sigma))
+    f, sigma = float(camera.params[0]), float(np.sqrt(found.covariance[0, 0]))
+    low, high = focal_interval(found.bundle, tracks.take(found.used), free, sigma)
+    if not max(f - low, high - f) <= WIDEST * f:
+        raise _critical(
+            f"its 95 % interval is {low:.4g} to {high:.4g} px, {WIDEST:.0%} to a side is the most"
+        )
+    return replace(found, interval=(low, high))
 
 
 def _with_centre(found: SelfCalibration, tracks: Tracks, held: Mapping[str, float | None]) -> SelfCalibration:

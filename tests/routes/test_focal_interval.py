@@ -1,12 +1,16 @@
 """The interval of a focal length that two views leave uncertain."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from camcal.errors import EstimationError
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.routes import focal_interval as module
+from camcal.routes import selfcalib
 from camcal.routes.bundle import Bundle, Tracks, adjust
 from camcal.routes.focal_interval import focal_interval
 from tests.sides import LESS, MORE
@@ -63,3 +67,19 @@ def test_a_focal_length_without_an_upper_limit(bundle, monkeypatch):
     same = float(np.square(state.residuals(tracks)).sum())
     monkeypatch.setattr(module, "_with_focal", lambda at, *_: (at, same))
     assert focal_interval(*bundle, sigma=0.2 * F)[1] == np.inf
+
+
+@pytest.mark.parametrize(("share", "refused"), [(LESS, False), (MORE, True)])
+def test_the_widest_interval(bundle, monkeypatch, share, refused):
+    state, tracks, _ = bundle
+    f = float(state.camera.params[0])
+    found = SimpleNamespace(bundle=state, used=np.ones(90, bool), covariance=np.eye(4), fixed=())
+    ends = f * (1 - 0.1), f * (1 + share * selfcalib.WIDEST)
+    monkeypatch.setattr(selfcalib, "focal_interval", lambda *_: ends)
+    monkeypatch.setattr(selfcalib, "replace", lambda _, interval: interval)
+    held = {"cx": None, "cy": None, "aspect": None}
+    if refused:
+        with pytest.raises(EstimationError, match="95 % interval"):
+            selfcalib._with_interval(found, tracks, held)
+    else:
+        assert selfcalib._with_interval(found, tracks, held) == ends
