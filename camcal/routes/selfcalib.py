@@ -36,8 +36,8 @@ from camcal.solve.parameters import apply_fixed, free_matrix
 
 #: relative standard deviation of the focal length above which a motion is critical
 UNCERTAIN = 0.1
-#: ... and the part of it to either side that a 95 % interval may reach: 1.96 standard deviations. The standard deviation
-#: is small where f came out too small by chance, the interval is not
+#: ... and the part of it to either side that a 95 % interval may reach: 1.96 standard deviations. These are small where
+#: f came out too small by chance, the interval is not
 WIDEST = 0.2
 #: added to 1 - σ2 / σ1 before its logarithm: what noise leaves of it at the right focal length
 SHARP = 1e-3
