@@ -101,8 +101,7 @@ class _State:
         trials = _cameras(xyz[samples], q[samples], np.ones((SAMPLES, 6)))
         off = _distances(trials @ xyz.T, q)
         best = int(np.median(off, axis=1).argmin())
-        bound = max(FAR * MAD * float(np.median(off[best])), self.least)
-        inside = off[best] <= bound
+        inside = off[best] <= _bound(off[best], self.least)
         if inside.sum() < LEAST:
             self.refused[view] = True
             return True
@@ -125,8 +124,7 @@ class _State:
             off = np.full(len(self.q), np.inf)
             rows = np.flatnonzero(self._usable(everything=True))
             off[rows] = _distances(self._seen(rows).T[None], self.q[rows])[0]
-            spread = MAD * float(np.median(off[rows]))
-            self.good = off <= max(FAR * spread, self.least)
+            self.good = off <= _bound(off[rows], self.least)
 
     def _usable(self, everything: bool = False) -> Array:
         placed = (
@@ -154,6 +152,11 @@ class _State:
             count = np.bincount(self.point[rows], minlength=len(self.points))
             found = np.linalg.eigh(normal)[1][:, :, 0]
             self.points = np.where((count >= 2)[:, None], found, np.nan)
+
+
+def _bound(off: Array, least: float) -> float:
+    """The distance up to which images count as inliers, by the median distance of all."""
+    return max(FAR * MAD * float(np.median(off)), least)
 
 
 def _cameras(xyz: Array, q: Array, weight: Array) -> Array:

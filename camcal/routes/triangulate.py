@@ -23,7 +23,8 @@ PARALLEL = 1e-12
 ROUNDING = 1e-9
 #: A point's residuals are noise unless a χ² test at this level rejects it: one good point in a thousand is examined.
 LEVEL = 0.999
-#: least degrees of freedom of a tested point: without one of its images (two coordinates) it still has one
+#: least degrees of freedom of a tested point: without one of its images (two coordinates) it still has one. Points with
+#: fewer would be tried in vain: no result depends on it.
 LEAST_FREEDOM = 3
 
 

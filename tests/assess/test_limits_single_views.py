@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from camcal.assess import bias, board_shape, causes, covariance, half_turns, next_instant, outliers
+from camcal.assess import bias, board_shape, causes, covariance, half_turns, next_instant, next_view, outliers
 from camcal.assess.causes import search
 from camcal.assess.checks import border, group, mirror, parameters
 from camcal.assess.warning import BY_CHANCE
 from camcal.geometry import rotations
-from camcal.model.pose import Pose
+from camcal.model.pose import Pose, Poses
 from tests.sides import LESS, MORE
 from tests.solved import grid, solved
 
@@ -224,3 +224,14 @@ def test_points_that_a_camera_has_to_see(monkeypatch):
         cameras = {n: SimpleNamespace(project=lambda _, uv=uv: uv, image_size=(100, 100)) for n in "ab"}
         rig = SimpleNamespace(cameras=cameras, cam_from_rig=dict.fromkeys("ab", here))
         assert reaches(next_instant._added, SimpleNamespace(rig=rig), here, np.zeros((20, 3))) == seen
+
+
+def test_suggestions_that_are_refined():
+    """After so many the best candidate is taken as it is."""
+    known = SimpleNamespace(
+        sigmas=lambda _: np.array([[2.0], [1.0]]), candidates=SimpleNamespace(around=reach)
+    )
+    state, poses = np.zeros(1), Poses(np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)))
+    for count, refined in ((next_view.MOVED - 1, True), (next_view.MOVED, False)):
+        taken = [None] * count
+        assert reaches(next_view.NextView._moved, known, state, poses, np.zeros(2), taken, None) == refined

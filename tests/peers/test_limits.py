@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from camcal.data.observations import Observations
 from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
@@ -169,3 +170,23 @@ def test_instants_of_a_pair(monkeypatch):
         monkeypatch.setattr(register_cameras, "_of_pair", lambda *_, n=count: (None, np.arange(n)))
         with pytest.raises(error):
             register_cameras.registered(SimpleNamespace(rig=rig), "a", "b", least)
+
+
+def test_points_of_an_instant_of_a_pair():
+    """A picture of fewer points has no pose in cv2, so that its instant is left out."""
+    least = register_cameras.LEAST_POINTS
+    for count, instants in ((least, [0, 1]), (least - 1, [1])):
+        camera = np.r_[np.zeros(count, int), np.ones(9, int), np.zeros(9, int), np.ones(9, int)]
+        view = np.r_[np.zeros(count + 9, int), np.ones(18, int)]
+        rows = len(view)
+        data = Observations(
+            xyz=np.zeros((rows, 3)),
+            uv=np.zeros((rows, 2)),
+            view=view,
+            view_ids=("a", "b"),
+            camera=camera,
+            cameras=("left", "right"),
+            image_sizes=((9, 9), (9, 9)),
+        )
+        found = register_cameras._of_pair(SimpleNamespace(observations=data), "left", "right")[1]
+        assert found.tolist() == instants

@@ -7,8 +7,8 @@ import pytest
 
 from camcal.data.observations import View
 from camcal.errors import DataError
-from camcal.report import bias, board, stereo
-from camcal.report.doctor import remedies, rig
+from camcal.report import bias, board, embedded, stereo
+from camcal.report.doctor import installation, remedies, rig
 from camcal.report.doctor.findings import Finding, Gain
 from camcal.report.html import pictures
 from tests.sides import LESS, MORE
@@ -163,3 +163,37 @@ def test_calibrations_whose_residuals_are_tested(good, monkeypatch):
         bias.section(good, None)
     monkeypatch.setattr(bias, "redundancy", lambda _: least - 1)
     assert bias.section(good, None) is None
+
+
+def test_rows_of_a_report_that_are_read():
+    """No more than fit into memory, before anything is unpacked."""
+    most = embedded.LARGEST // embedded.BYTES // len(embedded.COLUMNS)
+    for rows, said in ((most, "damaged"), (most + 1, "at most")):
+        with pytest.raises(DataError, match=said):
+            embedded._table(SimpleNamespace(columns=list(embedded.COLUMNS), rows=rows, text=""))
+
+
+# ------------------------------------------------------------------------------------ the installation
+@pytest.mark.parametrize(
+    ("share", "agrees", "status"), [(LESS, True, "ok"), (MORE, True, "wrong"), (LESS, False, "wrong")]
+)
+def test_a_calibration_of_exact_points(monkeypatch, share, agrees, status):
+    from camcal.plan import calibrate
+
+    made = SimpleNamespace(
+        residuals=[np.array([share * installation.EXACT_PX])],
+        crosscheck=[{"status": "pass" if agrees else "fail"}],
+    )
+    monkeypatch.setattr(calibrate, "calibrate", lambda *_, **__: made)
+    (found,) = installation._calibration()
+    assert found.status == status
+
+
+def test_codecs_that_lose_too_much(monkeypatch):
+    import cv2
+
+    gray = (np.add.outer(np.arange(32), np.arange(48)) * 3).astype(np.uint8)
+    for off, lost in ((installation.LOSSY - 1, False), (installation.LOSSY, True)):
+        monkeypatch.setattr(cv2, "imdecode", lambda *_, o=off: gray.astype(int) + o)
+        (found,) = installation._pictures()
+        assert ("; not png" in found.found) == lost
