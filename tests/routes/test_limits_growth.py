@@ -295,16 +295,25 @@ def test_what_a_scene_determines(monkeypatch):
         judged(monkeypatch, focal=MORE * scene.FOCAL * 800)
 
 
-def test_a_distortion_that_changes_the_focal_length(monkeypatch):
-    sigma = 10.0
-    monkeypatch.setattr(scene_bend, "common_bend", lambda *_: 2 * scene_bend.BENT)
-    here = SimpleNamespace(family=np.zeros(3, int), camera=PINHOLE, covariance=np.diag([sigma**2]))
-    for share, taken in ((LESS, False), (MORE, True)):
-        camera = SimpleNamespace(params=np.array([800 + share * scene_bend.OFF * sigma]))
-        other = SimpleNamespace(camera=camera)
-        monkeypatch.setattr(scene_bend, "estimate", lambda *_, o=other: o)
-        found = scene_bend.with_distortion(here, SimpleNamespace(take=lambda _: None), {}, 0, False)
-        assert (found is other) == taken
+def changed(monkeypatch, apart, bend, picture):
+    """Whether an estimate with distortion is taken: f is off by sigmas of 10 px, the distortion by those of .1."""
+    monkeypatch.setattr(scene_bend, "common_bend", lambda *_: 0.0 if picture else bend)
+    here = SimpleNamespace(family=np.zeros(3, int), camera=PINHOLE, covariance=np.diag([10.0**2]))
+    camera = SimpleNamespace(params=np.array([800 + 10 * apart, bend * 0.1]))
+    other = SimpleNamespace(camera=camera, covariance=np.diag([1.0, 0.1**2]))
+    monkeypatch.setattr(scene_bend, "estimate", lambda *_: other)
+    return scene_bend.with_distortion(here, SimpleNamespace(take=lambda _: None), {}, 0, picture) is other
+
+
+@pytest.mark.parametrize("picture", [False, True])
+def test_a_distortion_that_changes_the_focal_length(monkeypatch, picture):
+    off, bent = scene_bend.OFF, scene_bend.BENT
+    assert changed(monkeypatch, MORE * off, 9.0, picture) and not changed(
+        monkeypatch, LESS * off, 9.0, picture
+    )
+    assert changed(monkeypatch, 9.0, MORE * bent, picture) and not changed(
+        monkeypatch, 9.0, LESS * bent, picture
+    )
 
 
 def test_focal_lengths_of_scenes():
