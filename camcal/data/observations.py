@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from camcal.data.shape import Shapes, shapes, shapes_of
-from camcal.data.views import NO_ID, Blocks, SkippedView, View, check_view, named_view, stacked
+from camcal.data.views import NO_ID, Blocks, SkippedView, View, check_views, named_view, stacked
 from camcal.geometry.numbers import median
 from camcal.records import dataclass
 
@@ -115,8 +115,7 @@ class Observations:
             Where shapes do not match or a value is not finite.
         """
         made = [v if isinstance(v, View) else named_view(f"view{i + 1}", v) for i, v in enumerate(views)]
-        for view in made:
-            check_view(view)
+        check_views(made)
         size = None if image_size is None else (int(image_size[0]), int(image_size[1]))
         return cls(**stacked(made), image_sizes=(size,), **more)
 

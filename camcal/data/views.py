@@ -133,13 +133,26 @@ def stacked(views: Sequence[View]) -> dict[str, Any]:
     }
 
 
-def check_view(view: View) -> None:
+def check_views(views: Sequence[View]) -> None:
     """Raise a DataError if the points of a view have a wrong shape, or are not finite."""
+    for view in views:
+        _check_shape(view)
+    every = [v.xyz for v in views], [v.uv for v in views]
+    if all(np.isfinite(np.concatenate(a)).all() for a in every if a) and all(v.sigma is None for v in views):
+        return  # at once, as nearly always
+    for view in views:
+        _check_finite(view)
+
+
+def _check_shape(view: View) -> None:
     if view.xyz.ndim != 2 or view.xyz.shape[1] != 3 or view.uv.shape != (len(view.xyz), 2):
         raise DataError(
             f"view '{view.id}' holds points of shape {view.xyz.shape} and {view.uv.shape}; "
             "(N, 3) and (N, 2) are needed."
         )
+
+
+def _check_finite(view: View) -> None:
     if not (np.isfinite(view.xyz).all() and np.isfinite(view.uv).all()):
         raise DataError(f"view '{view.id}' holds a NaN or infinite coordinate.", "Remove that row.")
     if view.sigma is not None and not (np.isfinite(view.sigma) & (view.sigma > 0)).all():

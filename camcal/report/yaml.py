@@ -13,6 +13,7 @@ import json
 import math
 import os
 import re
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,8 @@ from camcal.system.text import escaped, has_unsafe
 from camcal.system.writing import atomic_write
 
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+
+_RESOLVER: Any = yaml.resolver.Resolver()
 
 #: a mapping or list up to this length, as text, is written on one line
 LINE = 96
@@ -43,6 +46,16 @@ class ReportDumper(_Dumper):
     def ignore_aliases(self, data: Any) -> bool:
         """No anchors: a repeated list is written twice."""
         return True
+
+    def resolve(self, kind: Any, value: Any, implicit: Any) -> Any:
+        """The tag that a reader gives to a plain scalar; found once for the keys and words of all reports."""
+        scalar = kind is yaml.ScalarNode
+        return _resolved(value, implicit) if scalar else super().resolve(kind, value, implicit)
+
+
+@lru_cache(maxsize=1000)  # a report has some 200 of them, and as many numbers of its own
+def _resolved(value: str, implicit: tuple[bool, bool]) -> Any:
+    return _RESOLVER.resolve(yaml.ScalarNode, value, implicit)
 
 
 def _short(value: Any, room: int) -> int:
