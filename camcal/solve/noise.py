@@ -27,7 +27,7 @@ from camcal.solve.losses import robust_sigma
 
 #: residuals beyond this many σ, both in px and in given sigmas, are excluded from (2): outliers would increase τ
 _REACH = 4.0
-#: τ or κ s below this fraction of the other is treated as 0
+#: κ s below this fraction of τ is treated as 0; τ is 0 unless the residuals contradict it
 _NOTHING = 1e-3
 #: scoring ends where a step gains less of (2) than this, a ten-thousandth of `EVIDENCE`, or after so many steps, each
 #: a factor of e at most

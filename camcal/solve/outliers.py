@@ -25,8 +25,10 @@ from camcal.solve.losses import robust_sigma
 from camcal.start import shape
 
 ALPHA = 0.001  #: probability that clean data lose a point: one calibration of a thousand
-#: efficiency of the median relative to the rms, for Gaussian noise in two coordinates
-_MEDIAN_EFFICIENCY = 0.48
+#: efficiency of the median relative to the rms, for Gaussian noise in two coordinates: of N Rayleigh distributed
+#: lengths, whose median is m = sqrt(2 ln 2) and whose density there m / 2, the variance of sigma is 1 / (4 N) from the
+#: rms and 1 / (N m⁴) from the median
+_MEDIAN_EFFICIENCY = float(np.log(2) ** 2)
 #: times the median view's scale: above it, the scale is not noise of another size, and the view is rejected
 FAR = 5.0
 #: views are not rejected as a whole if fewer than this many would be left: two or three that agree only because of too

@@ -21,6 +21,7 @@ from camcal.solve import (
     rig_lags,
     rig_start,
     robust,
+    schur,
     several_boards,
     starts,
     turns,
@@ -109,8 +110,13 @@ def test_the_residuals_of_rounded_coordinates(good):
 
 def test_the_cut_has_the_tail_of_the_median_s_freedom():
     """Of many points the quantile of χ² with two degrees of freedom, -2 ln p; of few, no fewer than two for s."""
+    # the variance of sigma from the median of many lengths, beside that from their rms
+    lengths = np.random.default_rng(0).rayleigh(size=(4000, 201))
+    medians, rms = np.median(lengths, 1) / np.sqrt(2 * np.log(2)), np.sqrt(np.square(lengths).mean(1) / 2)
+    share = outliers._MEDIAN_EFFICIENCY
+    assert rms.var() / medians.var() == pytest.approx(share, rel=0.05)
     # P(F > x) = (1 + 2 x / nu)^(-nu / 2) for 2 and nu degrees of freedom
-    for points, freedom in ((40, 0.48 * (80 - 9)), (7, 0.48 * (14 - 9)), (5, 2.0)):
+    for points, freedom in ((40, share * (80 - 9)), (7, share * (14 - 9)), (5, 2.0)):
         x = outliers.cut(points, 9) ** 2 / 2
         assert (1 + 2 * x / freedom) ** (-freedom / 2) == pytest.approx(outliers.ALPHA / points)
     assert outliers.cut(10**7, 9) == pytest.approx(np.sqrt(-2 * np.log(outliers.ALPHA / 10**7)), rel=1e-4)
@@ -173,6 +179,17 @@ def test_a_weak_pivot_is_solved_by_orthogonal_factors(monkeypatch):
         monkeypatch.setattr(equations, "_reduced", lambda *_, r=reduced: r)
         monkeypatch.setattr(equations, "_factors", lambda _: SimpleNamespace(step=lambda *_: "qr"))
         assert (equations.step(state, blocks, 0.0) == "qr") == solved_again
+
+
+def test_either_solver_of_small_equations(monkeypatch):
+    """The number of parameters above which scipy is used decides about time only."""
+    rows = np.random.default_rng(0).normal(size=(9, 6))
+    found = []
+    for many in (0, schur.MANY):
+        monkeypatch.setattr(schur, "MANY", many)
+        found.append(schur._positive_definite(rows.T @ rows, np.arange(6.0)))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9)
 
 
 def test_a_sparse_jacobian(monkeypatch):
@@ -248,6 +265,18 @@ def test_the_evidence_for_another_variance(monkeypatch):
         best = believed - share * noise.EVIDENCE / 2
         monkeypatch.setattr(noise, "_likeliest", lambda *_, b=best: (b, np.zeros(2)))
         assert (noise.noise_model(fit, np.ones(200)).floor > 0) == added
+
+
+def test_given_sigmas_beside_a_large_additional_variance(monkeypatch):
+    """Where they are a small part of it, they are left out."""
+    fit = SimpleNamespace(
+        used=np.ones(50, bool), used_residuals=np.random.default_rng(0).normal(size=(50, 2)), free_count=0
+    )
+    for share, scale in ((LESS, 0.0), (MORE, MORE * noise._NOTHING * 2.0)):
+        logs = np.log([share * noise._NOTHING * 2.0, 2.0])
+        monkeypatch.setattr(noise, "_likeliest", lambda *_, v=logs: (-1e9, v))
+        made = noise.noise_model(fit, np.ones(50))
+        assert (made.scale, made.floor) == pytest.approx((scale, 2.0))
 
 
 def test_residuals_that_say_nothing_of_the_noise():
