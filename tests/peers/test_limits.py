@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from camcal.data.observations import Observations
-from camcal.geometry import rotations
+from camcal.geometry import projective, rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose, Poses
@@ -136,21 +136,29 @@ def test_closed_forms_of_hand_eye(monkeypatch, name):
     bound = hand_eye.SIGMAS if name in hand_eye.WEIGHED else hand_eye.ROUNDING
     for sigma in (0.01, 0.0):
         for share, status in ((LESS, "pass"), (MORE, "fail")):
-            off = np.array([share * bound * (sigma + hand_eye.LEAST_SIGMA * 2.0), 0, 0])
-            monkeypatch.setattr(hand_eye, "_theirs", lambda *_, o=off: Pose(np.eye(3), o))
-            here = Pose(np.eye(3), np.zeros(3))
-            found = hand_eye._entry(name, None, None, 2.0, here, (sigma, sigma))
-            assert found["status"] == status
+            limit = share * bound * (sigma + hand_eye.LEAST_SIGMA * np.array([1.0, 2.0]))
+            turned = Pose(rotations.exp(np.array([limit[0], 0, 0])), np.zeros(3))
+            moved = Pose(np.eye(3), np.array([limit[1], 0, 0]))
+            for theirs in (turned, moved) if limit[0] > 1e-6 else (moved,):  # smaller angles are rounding
+                monkeypatch.setattr(hand_eye, "_theirs", lambda *_, p=theirs: p)
+                here = Pose(np.eye(3), np.zeros(3))
+                found = hand_eye._entry(name, None, None, 2.0, here, (sigma, sigma))
+                assert found["status"] == status
+    for share, status in ((LESS, "pass"), (MORE, "fail")):
+        monkeypatch.setattr(hand_eye, "_theirs", lambda *_: here)
+        monkeypatch.setattr(
+            hand_eye.rotations, "angle_between", lambda *_, s=share: s * bound * hand_eye.LEAST_SIGMA
+        )
+        assert hand_eye._entry(name, None, None, 2.0, here, (0.0, 0.0))["status"] == status
 
 
 def test_points_that_count_as_a_plane():
-    rng = np.random.default_rng(0)
-    xyz = np.c_[rng.normal(size=(20, 2)), np.zeros(20)]
-    xyz[:, 2] = np.where(np.arange(20) % 2, 1.0, -1.0)
-    xyz -= xyz.mean(0)
-    base = np.linalg.svd(np.c_[xyz[:, :2], np.zeros(20)])[1][0]
-    for share, planar in ((0.5, True), (4.0, False)):
-        flat = xyz * [1, 1, share * solve_pnp.PLANE * base / np.sqrt(20)]
+    """Each point above and below the plane."""
+    xy = np.random.default_rng(0).normal(size=(20, 2))
+    xyz = np.r_[np.c_[xy, np.ones(20)], np.c_[xy, -np.ones(20)]]
+    spread = projective.fit_plane(xyz * [1, 1, 1e-3])[2]
+    for share, planar in ((LESS, True), (MORE, False)):
+        flat = xyz * [1, 1, 1e-3 * share * solve_pnp.PLANE * spread[0] / spread[2]]
         assert bool(solve_pnp._in_own_frame(flat)[0]) == planar
 
 
