@@ -31,8 +31,8 @@ NOTED = 5.0
 ROWS = 1000
 #: tasks in flight for each worker: one running and one waiting
 AHEAD = 2
-#: s; short jobs are handed out in groups of about this length, by the clock, so that jobs of points come to groups of 50
-#: also on a machine with other work: a group costs 15 ms of processor time besides 7 ms a job
+#: s; short jobs are handed out in groups of about this length, by the clock, so that jobs of points come to groups of
+#: 50 also on a machine with other work: a group costs 15 ms of processor time besides 7 ms a job
 GROUP = 2.0
 #: jobs in a group at most: those of a lost worker are repeated
 MOST_IN_GROUP = 50
