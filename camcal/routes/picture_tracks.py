@@ -91,7 +91,7 @@ def of_pictures(
 def _points(files: Sequence[Path]) -> tuple[list[Points], tuple[int, int]]:
     found, size = [], None
     for path in files:
-        gray = read_gray(path)
+        gray = read_gray(path, "view,point,u,v")
         own = (gray.shape[1], gray.shape[0])
         if size is not None and own != size:
             raise DataError(

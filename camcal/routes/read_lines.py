@@ -89,9 +89,9 @@ def _of_pictures(paths: list[Path], image_size: tuple[int, int] | None) -> Lines
     return Lines.of(parts, names, size)
 
 
-def read_gray(path: Path) -> Array:
-    """A picture in grey; DataError if the file is not a picture."""
+def read_gray(path: Path, table: str = "line,u,v") -> Array:
+    """A picture in grey; DataError if the file is not a picture, which names the `table` that is read as well."""
     try:
         return decode_gray(read_bytes(path))
     except UnreadableError as error:
-        raise DataError(f"cannot read '{path}': {error}.", "Give a picture, or a table line,u,v.") from error
+        raise DataError(f"cannot read '{path}': {error}.", f"Give a picture, or a table {table}.") from error

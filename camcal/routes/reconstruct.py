@@ -128,9 +128,13 @@ def grow(bundle: Bundle, tracks: Tracks, free: Array) -> Bundle:
         r[best], t[best] = pose.rotation, pose.translation
         bundle = with_points(replace(bundle, rotations=r, translations=t), tracks)
         since += 1
-        count = int(bundle.known_views.sum())
-        if since >= max(EVERY, EVERY_SHARE * count) or count <= 2 * EVERY:
+        if _due(since, int(bundle.known_views.sum())):
             bundle, since = settled(bundle, tracks, free), 0
+
+
+def _due(since: int, known: int) -> bool:
+    """Return whether all are adjusted, so many views after the last time."""
+    return since >= max(EVERY, EVERY_SHARE * known) or known <= 2 * EVERY
 
 
 def _pose(bundle: Bundle, tracks: Tracks, view: int) -> Pose | None:

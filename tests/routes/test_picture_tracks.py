@@ -94,6 +94,10 @@ def test_pictures_without_a_common_scene_are_refused(tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), textured(1))
     with pytest.raises(DataError, match="pictures given: 1; 2 to 100"):
         of_pictures([tmp_path / "a.png"])
+    (tmp_path / "b.png").write_text("no picture")
+    with pytest.raises(DataError, match="cannot read") as caught:
+        of_pictures([tmp_path])
+    assert "view,point,u,v" in caught.value.hint
     cv2.imwrite(str(tmp_path / "b.png"), textured(2))
     with pytest.raises(DataError, match="no two of 2 pictures"):
         of_pictures([tmp_path])

@@ -15,7 +15,9 @@ from camcal.routes import (
     lines,
     picture_tracks,
     projective_views,
+    reconstruct,
     scene,
+    scene_bend,
     scene_vote,
     triangulate,
 )
@@ -50,6 +52,27 @@ def test_pairs_of_many_pictures(monkeypatch):
     most = picture_tracks.ALL_PAIRS
     assert len(picture_tracks._pairs([points] * most)) == most * (most - 1) // 2
     assert len(picture_tracks._pairs([points] * (most + 1))) < most * (most - 1) // 2
+
+
+def test_adjustments_while_views_are_added():
+    """Each of the first eight, then every fourth, then every fifth of those known."""
+    every = reconstruct.EVERY
+    assert reconstruct._due(1, 2 * every) and not reconstruct._due(1, 2 * every + 1)
+    assert reconstruct._due(every, 3 * every) and not reconstruct._due(every - 1, 3 * every)
+    share = int(100 * reconstruct.EVERY_SHARE)
+    assert reconstruct._due(share, 100) and not reconstruct._due(share - 1, 100)
+
+
+@pytest.mark.parametrize(("share", "shown"), [(LESS, False), (MORE, True)])
+def test_distortion_that_the_segments_of_a_picture_show(monkeypatch, share, shown):
+    """The coefficient in standard deviations; the focal length is far off."""
+    other = SimpleNamespace(
+        camera=SimpleNamespace(params=np.array([600.0, 600, 320, 240, share * scene_bend.BENT * 0.01])),
+        covariance=np.diag([1.0, 1, 1, 1, 0.01**2]),
+    )
+    monkeypatch.setattr(scene_bend, "estimate", lambda *_: other)
+    plain = SimpleNamespace(camera=SimpleNamespace(params=np.array([500.0])), covariance=np.eye(1))
+    assert (scene_bend.with_distortion(plain, None, {}, 0, True) is other) == shown
 
 
 class Images(SimpleNamespace):
