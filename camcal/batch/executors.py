@@ -17,7 +17,7 @@ CONNECT = 10
 #: what Dask takes for an address; of another text its client cannot even be taken down without a traceback
 ADDRESS = re.compile(r"[a-z]+://.+|[^/]+:\d+")
 #: What a worker needs for its first job. A server process imports it once, and workers are copies of that process that
-#: share its memory: one or two start in 1.1 s of processor time, where each with an import of its own takes .6 s more.
+#: share its memory: one or two start in .9 s of processor time, where each with an import of its own takes .6 s more.
 NEEDED = (
     "camcal.batch.work",
     "camcal.plan.calibrate",
