@@ -66,7 +66,7 @@ ELSEWHERE = {
     "simulate frames --kind knock -o frames.csv": "docs/tutorials/film.md",
 }
 #: pages whose Python another test runs; the reference has the forms of commands, not commands
-PYTHON_ELSEWHERE = {"batch.md", "configuration.md", "rigs.md", "lenses.md"}  # batch.md: tests/plan/test_calibrate_many.py
+PYTHON_ELSEWHERE = {"batch.md", "configuration.md", "rigs.md", "lenses.md"}
 NO_COMMANDS = {"cli.md"}
 TUTORIALS = {"how-to.md"}  #: run by tests/cli/test_tutorials.py
 
