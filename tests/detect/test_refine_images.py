@@ -107,6 +107,21 @@ def test_parts_that_were_kept_give_the_same_bits(pictures, monkeypatch):
         np.testing.assert_array_equal(one.sigma, third.sigma)
 
 
+def test_of_a_negative_no_part_is_used(pictures):
+    """It may have been kept while the picture was searched as it is."""
+    folder, camera, poses = pictures
+    found = detect_images([folder], square="20mm", cache=False)
+    (usual,) = refine_images(found, camera, poses)
+    for i in range(2):
+        path = folder / f"{i}.png"
+        cv2.imwrite(str(path), ~cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
+    inverted = detect_images([folder], square="20mm", cache=False)
+    as_negative = replace(found, files=inverted.files, target={**found.target, "negative": True})
+    assert all(KEPT_PARTS.get(f["sha256"]) is not None for f in inverted.files)
+    (same,) = refine_images(as_negative, camera, poses)
+    np.testing.assert_array_equal(same.uv, usual.uv)
+
+
 def test_changed_and_lost_pictures_are_said(pictures):
     folder, camera, poses = pictures
     found = detect_images([folder], cache=False)
