@@ -113,9 +113,9 @@ def detect_images(
                 _confirm(run, searched)
             else:
                 searched = recognised(run, square)
-        searched = _kept(run, searched, keep_frames)
-        run.tell_pictures(several.merged(searched))
-        return _correspondences(searched, not wanted, run)
+            searched = _kept(run, searched, keep_frames)
+            run.tell_pictures(several.merged(searched))
+            return _correspondences(searched, not wanted, run)
 
 
 def _opened(

@@ -32,6 +32,8 @@ ENDED = 5.0  #: s; time allowed for a process to end when requested
 class Workers:
     """The processes of one search, or of a second pass over its pictures; they are started when there is enough work.
 
+    A context: outside it none are started, as they would be left running.
+
     Parameters
     ----------
     jobs : int or None
@@ -45,14 +47,17 @@ class Workers:
         self.waiting = waiting
         self.seconds, self.items = 0.0, 0  # what this process has spent on how many items
         self._pool: ProcessPoolExecutor | None = None
+        self._open = self._busy = False
         self._before: set[Any] = set()
 
     def __enter__(self) -> Workers:
+        self._open = True
         return self
 
     def __exit__(self, kind: object, error: object, traceback: object) -> None:
-        """End the processes: those that have work left, on Ctrl-C for example, at once."""
-        self._end(kind is None)
+        """End the processes: at once if they have work left, on Ctrl-C for example."""
+        self._open = False
+        self._end(not self._busy)
 
     def map_unordered(
         self,
@@ -103,7 +108,7 @@ class Workers:
 
     def _worth_others(self, left: int) -> bool:
         """Return whether so many more items justify other processes, judging by the time of the first ones."""
-        if self.jobs < 2 or left < 2:
+        if not self._open or self.jobs < 2 or left < 2:
             return False
         if self._pool is not None:
             return True
@@ -136,7 +141,7 @@ class Workers:
             return None
         running: dict[Future, tuple[int, T]] = {}
         main: bool | None = None
-        finished = False
+        self._busy = True
         try:
             while True:
                 for index, item in islice(numbered, AHEAD * self.jobs - len(running)):
@@ -147,7 +152,7 @@ class Workers:
                         except BrokenProcessPool:
                             return [*running.values(), (index, item)]
                 if not running:
-                    finished = True
+                    self._busy = False
                     return None
                 self._wait()
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -157,7 +162,7 @@ class Workers:
                         return sorted(running.values(), key=lambda numbered: numbered[0])
                     yield running.pop(future)[0], result
         finally:
-            if not finished:  # Ctrl-C, a broken pool, or the caller has stopped: leave nothing running
+            if self._busy:  # Ctrl-C, a broken pool, or the caller has stopped: leave nothing running
                 self._end(False)
 
     def _wait(self) -> None:
@@ -167,12 +172,15 @@ class Workers:
             waiting()
 
     def _end(self, finished: bool) -> None:
-        pool, self._pool = self._pool, None
+        pool, self._pool, self._busy = self._pool, None, False
         if pool is None:
             return
+        thread = getattr(pool, "_executor_manager_thread", None)
         pool.shutdown(wait=finished, cancel_futures=True)
         if not finished:
             _end_children(self._before)
+            if thread is not None:  # the interpreter's end would use what this thread is about to close
+                thread.join(ENDED)
 
 
 def usable_processors() -> int:

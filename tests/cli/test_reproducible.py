@@ -72,7 +72,7 @@ def test_pictures_of_a_rig_in_any_order():
 
 def test_the_same_bits_from_one_process_and_two(monkeypatch):
     """Pictures that other processes search give the points, and so the camera, to the last bit."""
-    monkeypatch.setattr(Workers, "_worth_others", lambda self, left: self.jobs > 1)
+    monkeypatch.setattr(Workers, "_worth_others", lambda self, left: self._open and self.jobs > 1)
     pooled = []
     in_pool = Workers._in_pool
     monkeypatch.setattr(Workers, "_in_pool", lambda *args: pooled.append(args[1].__name__) or in_pool(*args))

@@ -10,6 +10,7 @@ import pytest
 from camcal.detect import workers
 from camcal.detect.images import detect_images
 from camcal.detect.workers import ALONE, ALONE_BEFORE_COPIES, WORTH_COPIES, WORTH_IT, Workers
+from camcal.errors import DataError
 from camcal.system import processes
 from tests.detect.test_refine_images import pictures  # noqa: F401
 from tests.sides import LESS, MORE
@@ -18,7 +19,7 @@ from tests.sides import LESS, MORE
 @pytest.fixture
 def at_once(monkeypatch):
     """Other processes are started whatever the work."""
-    monkeypatch.setattr(Workers, "_worth_others", lambda self, left: self.jobs > 1)
+    monkeypatch.setattr(Workers, "_worth_others", lambda self, left: self._open and self.jobs > 1)
 
 
 def die(item):
@@ -56,10 +57,12 @@ def test_interruption_ends_the_processes(at_once):
         next(two.map_unordered(abs, list(range(50)), abs))
         raise KeyboardInterrupt
     assert set(multiprocessing.active_children()) <= before
-    running = Workers(2).map_unordered(abs, list(range(50)), abs)
-    next(running)
-    with pytest.raises(KeyboardInterrupt):
-        running.throw(KeyboardInterrupt())
+    with Workers(2) as two:
+        running = two.map_unordered(abs, list(range(50)), abs)
+        next(running)
+        with pytest.raises(KeyboardInterrupt):
+            running.throw(KeyboardInterrupt())
+        assert set(multiprocessing.active_children()) <= before
     assert set(multiprocessing.active_children()) <= before
 
 
@@ -76,7 +79,9 @@ def test_the_first_wait_is_used_once(at_once):
 )
 def test_others_are_started_for_enough_work(monkeypatch, copies, alone, least):
     monkeypatch.setattr(workers, "copies_itself", lambda: copies)
-    few, many = Workers(2), Workers(2)
+    few, many, one = Workers(2), Workers(2), Workers(1)
+    for each in (few, many, one):
+        monkeypatch.setattr(each, "_open", True)
     few.items = many.items = 1
     few.seconds, many.seconds = LESS * alone, MORE * alone
     assert not few._worth_others(10**6) and many._worth_others(10**6)
@@ -85,7 +90,33 @@ def test_others_are_started_for_enough_work(monkeypatch, copies, alone, least):
     assert not many._worth_others(int(LESS * least / 0.01)) and many._worth_others(
         int(MORE * least / 0.01) + 1
     )
-    assert not Workers(1)._worth_others(10**6)
+    one.seconds, one.items = 1.0, 1
+    assert not one._worth_others(10**6)
+
+
+def test_outside_their_context_no_processes_are_started(monkeypatch):
+    monkeypatch.setattr(Workers, "_started", lambda _: pytest.fail("started"))
+    outside = Workers(2)
+    outside.seconds, outside.items = 100.0, 1
+    assert dict(outside.map_unordered(abs, [-1, -2, -3], nothing)) == {0: 1, 1: 2, 2: 3}
+    with Workers(2) as two:
+        pass
+    two.seconds, two.items = 100.0, 1
+    assert dict(two.map_unordered(abs, [-1, -2, -3], nothing)) == {0: 1, 1: 2, 2: 3}
+
+
+def test_a_search_ends_its_processes_also_where_it_looks_again(pictures, monkeypatch):  # noqa: F811
+    """What is found instead of the wanted target is looked for at the end."""
+    import multiprocessing
+
+    monkeypatch.setattr(workers, "ALONE", -1.0)
+    monkeypatch.setattr(workers, "WORTH_IT", -1.0)
+    before, folder = set(multiprocessing.active_children()), pictures[0]
+    for name in ("2.png", "3.png", "4.png"):
+        (folder / name).write_bytes((folder / "0.png").read_bytes())
+    with pytest.raises(DataError, match="no 9x8 checkerboard"):
+        detect_images([folder], board="9x8", jobs=2, cache=False)
+    assert set(multiprocessing.active_children()) <= before
 
 
 def test_a_process_with_one_thread_is_copied(monkeypatch, tmp_path):
@@ -165,3 +196,18 @@ def test_processes_find_the_same(pictures, at_once):  # noqa: F811
     for a, b in zip(alone.views, many.views, strict=True):
         assert a.id == b.id
         np.testing.assert_array_equal(a.uv, b.uv)
+
+
+def test_an_error_after_the_work_waits_for_the_processes(at_once, monkeypatch):
+    """Else the interpreter's end meets a pool that is about to close, now and then with a traceback."""
+    ended = []
+    end = Workers._end
+    monkeypatch.setattr(Workers, "_end", lambda self, finished: ended.append(finished) or end(self, finished))
+    with pytest.raises(ValueError, match="wrong"), Workers(2) as two:
+        list(two.map_unordered(abs, [-1, -2], nothing))
+        raise ValueError("wrong")
+    with pytest.raises(KeyboardInterrupt), Workers(2) as two:
+        kept = two.map_unordered(abs, list(range(50)), nothing)
+        next(kept)
+        raise KeyboardInterrupt
+    assert ended[:2] == [True, False]
