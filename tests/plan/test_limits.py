@@ -41,7 +41,6 @@ def test_rounds_of_the_second_pass(monkeypatch):
 
     monkeypatch.setattr(second_pass, "_in_best_windows", lambda _: (1, None, None, None))
     monkeypatch.setattr(second_pass, "_refitted", lambda *_: None)
-    monkeypatch.setattr(second_pass, "keep_none", lambda: None)
     monkeypatch.setattr(second_pass, "hold_out", hold_out)
     progress = SimpleNamespace(fit=None, given=None, how=None)
     for moved, more in (
