@@ -65,16 +65,12 @@ def uncertain_distance(what: str, half: float, hint: str) -> dict[str, str]:
     )
 
 
-def principal_point_assumed(what: str, names: Sequence[str], hint: str, doubt: bool = True) -> dict[str, str]:
-    """The warning about coordinates of the centre that are held; `doubt`: whether the sigmas contain its effect."""
-    more = (
-        f", and its uncertainty ({CENTRE:.0%} of the longer side) is included in the other sigmas"
-        if doubt
-        else ""
-    )
+def principal_point_assumed(what: str, names: Sequence[str], hint: str) -> dict[str, str]:
+    """The warning about coordinates of the centre that are held; the sigmas contain its effect."""
     return warning(
         "principal-point-assumed",
-        f"{what} {' and '.join(names)} undetermined; the middle of the picture is assumed{more}.",
+        f"{what} {' and '.join(names)} undetermined; the middle of the picture is assumed, and its "
+        f"uncertainty ({CENTRE:.0%} of the longer side) is included in the other sigmas.",
         hint,
     )
 

@@ -244,7 +244,6 @@ def _warnings(
                 "the bar leaves",
                 found.assumed,
                 "Move the bar through the whole picture, or give the camera (--cameras NAME=CAMERA).",
-                doubt=False,
             )
         )
     lost = len(views) - len(np.unique(seen.instant[found.used]))

@@ -17,6 +17,8 @@ from camcal.model.pose import Array
 #: Principal points of real cameras lie within this fraction of the picture's longer side from its middle, which is
 #: therefore a better estimate than one with a larger standard deviation.
 CENTRE = 0.05
+#: standard deviations of an assumed coordinate within which its effect on the others is linear
+LINEAR = 0.5
 #: names of the coordinates: of the principal point, px, and of models with their own centre, in focal lengths
 PIXELS, FOCAL_LENGTHS = ("cx", "cy"), ("xc", "yc")
 
@@ -35,16 +37,21 @@ def doubt(camera: Camera, assumed: Sequence[str], refitted: Callable[[Camera, st
     """
     index = [camera.lens.names.index(n) for n in assumed]
     covariance = np.zeros((len(camera.params), len(camera.params)))
-    for name, i in zip(assumed, index, strict=True):
-        params = camera.params.copy()
-        # half of it, within which the effect is linear
-        params[i] += CENTRE * _longer(camera) / 2 / px_per_unit(camera, name)
-        moved = refitted(replace(camera, params=params), name)
-        if moved is not None:
-            slope = (moved - camera.params) * 2
+    for name in assumed:
+        found = refitted(moved(camera, name), name)
+        if found is not None:
+            slope = (found - camera.params) / LINEAR
             slope[index] = 0
             covariance += np.outer(slope, slope)
     return covariance
+
+
+def moved(camera: Camera, name: str) -> Camera:
+    """The camera with an assumed coordinate moved by `LINEAR` standard deviations of it."""
+    params = camera.params.copy()
+    at = camera.lens.names.index(name)
+    params[at] += LINEAR * CENTRE * _longer(camera) / px_per_unit(camera, name)
+    return replace(camera, params=params)
 
 
 def px_per_unit(camera: Camera, name: str) -> float:

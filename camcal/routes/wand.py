@@ -18,6 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from camcal.errors import DataError, EstimationError
+from camcal.geometry import rotations
 from camcal.least_squares.blocks import Fitted, bounded_inverse
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
@@ -156,7 +157,8 @@ def estimate(
             f"{int(wand.known.sum())} instants show the whole bar to two cameras; {LEAST_BARS} are needed.",
             "Move the bar through the volume for longer.",
         )
-    return _calibrated(wand, begun, seen, [dict(fix) if not k else None for k in known], names)
+    fixes = [dict(fix) if not k else None for k in known]
+    return _with_centre(_calibrated(wand, begun, seen, fixes, names), seen, names)
 
 
 def _calibrated(
@@ -185,6 +187,34 @@ def _calibrated(
         return freed
     mixed = [own if n in loose else w for n, own, w in zip(names, lenses, whole, strict=True)]
     return replace(_result(found.wand, start, seen, mixed, names), assumed=_assumed(names, mixed, whole))
+
+
+def _with_centre(found: WandCalibration, seen: Sightings, names: Sequence[str]) -> WandCalibration:
+    """The covariance including the uncertainty of assumed principal points."""
+    covariance, part = found.covariance.copy(), seen.take(found.used)
+    for assumed in found.assumed:
+        owner, name = assumed.rsplit(".", 1)
+        index, cameras = names.index(owner), list(found.wand.cameras)
+        cameras[index] = assumed_centre.moved(cameras[index], name)
+        fitted = adjust(replace(found.wand, cameras=tuple(cameras)), part, found.frees)
+        if fitted is not None:
+            slope = _change(found, fitted.state) / assumed_centre.LINEAR
+            covariance += np.outer(slope, slope)
+    return replace(found, covariance=covariance)
+
+
+def _change(found: WandCalibration, other: Wand) -> Array:
+    """The change (S,) of the quantities of the covariance from the result to another fit."""
+    wand = found.wand
+    cameras = [
+        np.linalg.pinv(f) @ (b.params - a.params)
+        for f, a, b in zip(found.frees, wand.cameras, other.cameras, strict=True)
+    ]
+    poses = [
+        np.r_[rotations.log(b.rotation @ a.rotation.T), b.translation - a.translation]
+        for a, b in zip(wand.poses[1:], other.poses[1:], strict=True)
+    ]
+    return np.concatenate([*cameras, *poses])
 
 
 def _held(camera: Camera, fix: Held | None, centre: bool) -> dict[str, float | None]:

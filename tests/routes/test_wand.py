@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,8 +16,9 @@ from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
+from camcal.routes import assumed_centre
 from camcal.routes.wand import estimate
-from camcal.routes.wand_fit import Sightings
+from camcal.routes.wand_fit import Sightings, adjust
 
 SIZE = (1280, 1024)
 NAMES = ("a", "b", "c")
@@ -227,3 +229,19 @@ def test_bad_input_is_named(tmp_path):
     ):
         done = run.invoke(camcal, ["wand", str(path), *args])
         assert done.exit_code != 0 and words in done.output + str(done.exception), args
+
+
+def test_a_principal_point_that_is_held_is_in_the_sigmas():
+    """Camera b's is undetermined here: moved by a standard deviation, it moves the others by less than their sigmas."""
+    lens = lenses.make("pinhole")
+    cameras = [Camera(lens, np.array([c.params[0]] * 2 + [639.5, 511.5]), SIZE) for c in CAMERAS]
+    seen = waved(16, 0, 0.5, (0.0, 0.3), cameras, 0.2)
+    found = estimate(seen, [unknown("pinhole")] * 3, [False] * 3, {}, NAMES)
+    assert found.assumed == ("b.cx", "b.cy")
+    begun = list(found.wand.cameras)
+    begun[1] = assumed_centre.moved(begun[1], "cx")
+    other = adjust(replace(found.wand, cameras=tuple(begun)), seen.take(found.used), found.frees).state
+    sigma = np.sqrt(found.camera_covariance(1)[0, 0])
+    by_centre = (other.cameras[1].params[0] - found.wand.cameras[1].params[0]) / assumed_centre.LINEAR
+    assert by_centre and sigma > abs(by_centre)
+    assert found.camera_covariance(1)[2, 2] == 0
