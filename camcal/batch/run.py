@@ -10,7 +10,7 @@ import contextlib
 import json
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from typing import Any
 
@@ -164,13 +164,14 @@ def _rows(jobs: Iterable[Job], out: str, pool: Local | Cluster) -> Iterator[Row]
     """The rows of jobs as they finish, in any order; a bounded number is in flight."""
     waiting, alone = deque(jobs), deque[Job]()
     flying: dict[Future, list[Job]] = {}
-    spent, count, finished = 0.0, 0, False
+    pace: dict[str, float] = {}  # s for a job of a kind, in the last group of such jobs
+    finished = False
     try:
         while waiting or alone or flying:
             # after a loss, the jobs in flight are run one by one, which finds the one that ends its process
             room = 1 if alone else AHEAD * pool.count
             while (waiting or alone) and len(flying) < room:
-                group = [alone.popleft()] if alone else _group(waiting, spent / max(count, 1), pool.count)
+                group = [alone.popleft()] if alone else _group(waiting, pace, pool.count)
                 try:
                     flying[pool.executor.submit(run_jobs, group, out)] = group
                 except pool.lost:
@@ -187,7 +188,7 @@ def _rows(jobs: Iterable[Job], out: str, pool: Local | Cluster) -> Iterator[Row]
                 except pool.lost:
                     lost += group
                     continue
-                spent, count = spent + sum(row["seconds"] for row in rows), count + len(rows)
+                pace[group[0].kind] = sum(row["seconds"] for row in rows) / len(rows)
                 yield from rows
             if lost:
                 lost += [job for group in flying.values() for job in group] if isinstance(pool, Local) else []
@@ -202,11 +203,19 @@ def _rows(jobs: Iterable[Job], out: str, pool: Local | Cluster) -> Iterator[Row]
         pool.close(finished)
 
 
-def _group(waiting: deque[Job], seconds: float, workers: int) -> list[Job]:
-    """The next jobs: about GROUP seconds of work, one if that is not known yet; fewer towards the end."""
-    wanted = min(MOST_IN_GROUP, int(GROUP / seconds)) if seconds > 0 else 1
+def _group(waiting: deque[Job], pace: Mapping[str, float], workers: int) -> list[Job]:
+    """The next jobs of one kind: about GROUP seconds of work at the `pace` (s) of a job, one if that is not known yet;
+    fewer towards the end.
+
+    A job of pictures takes a thousand times as long as one of points: they are not counted as one kind.
+    """
     fair = len(waiting) // (AHEAD * workers)
-    return [waiting.popleft() for _ in range(max(1, min(wanted, fair)))]
+    group = [waiting.popleft()]
+    seconds = pace.get(group[0].kind, GROUP)
+    most = min(MOST_IN_GROUP, fair, int(GROUP / seconds) if seconds > 0 else 1)
+    while waiting and len(group) < most and waiting[0].kind == group[0].kind:
+        group.append(waiting.popleft())
+    return group
 
 
 def _lost_row(job: Job) -> Row:

@@ -36,11 +36,9 @@ JOB = "job"  #: the entry among the options of a report that holds the digest of
 def run_jobs(jobs: Sequence[Job], out: str) -> list[Row]:
     """Run some jobs; return their rows once all reports are on disk.
 
-    Jobs of points with the same options are calibrated together, the others one by one. Each step is made for all jobs
-    before the next: a step whose code and tables are in the cache takes two thirds of the time.
+    Jobs of points with the same options are calibrated together, the others one by one, each of which has its report
+    before the next begins.
     """
-    from camcal.report.yaml import dump_yaml
-
     storage = Storage(out)
     ahead = _together(jobs) if len(jobs) > 1 else {}
     rows: list[Row] = [
@@ -53,18 +51,29 @@ def run_jobs(jobs: Sequence[Job], out: str) -> list[Row]:
         for j in jobs
     ]
     both = list(zip(jobs, rows, strict=True))
-    reports = [_step(job, row, _report, job, ahead.pop(job.name, None)) for job, row in both]
-    made = [
-        (job, row, report) for (job, row), report in zip(both, reports, strict=True) if report is not None
-    ]
-    for job, row, report in made:
-        _step(job, row, _summarise, row, job, *report)
-    texts = [_step(job, row, dump_yaml, report[0]) for job, row, report in made]
+    batches = [[pair for pair in both if pair[0].name in ahead]]
+    batches += [[pair] for pair in both if pair[0].name not in ahead]
     with ThreadPoolExecutor(WRITERS) as writers:
-        for (job, row, _), text in zip(made, texts, strict=True):
-            if text is not None:
+        for some in batches:
+            for job, row, text in _reported(some, ahead):
                 writers.submit(_keep, job, row, text, storage)
     return rows
+
+
+def _reported(some: Sequence[tuple[Job, Row]], ahead: dict[str, _Ahead]) -> list[tuple[Job, Row, str]]:
+    """The texts of the reports of the jobs that do not fail; their figures are added to their rows.
+
+    Each step is made for all jobs before the next: a step whose code and tables are in the cache takes two thirds of
+    the time.
+    """
+    from camcal.report.yaml import dump_yaml
+
+    reports = [(job, row, _step(job, row, _report, job, ahead.pop(job.name, None))) for job, row in some]
+    made = [(job, row, report) for job, row, report in reports if report is not None]
+    for job, row, report in made:
+        _step(job, row, _summarise, row, job, *report)
+    texts = [(job, row, _step(job, row, dump_yaml, report[0])) for job, row, report in made]
+    return [(job, row, text) for job, row, text in texts if text is not None]
 
 
 def _step(job: Job, row: Row, work: Callable[..., T], *args: Any) -> T | None:

@@ -111,9 +111,8 @@ def _refined(task: _Task) -> list[Measured] | str:
     if known is not None:
         return known
     board_from_pixel = partial(on_board, task.camera, task.pose)
-    part = (
-        None if task.file is None or task.how[2] else KEPT_PARTS.get(task.file["sha256"])
-    )  # none of negatives
+    # a part may have been kept while the picture was searched as it is: none is used of a negative
+    part = None if task.file is None or task.how[2] else KEPT_PARTS.get(task.file["sha256"])
     try:
         try:
             picture: Picture = _read_again(task) if part is None else part

@@ -100,7 +100,7 @@ class Reduced:
         if not self.solvable:
             return
         self.factor, self.half = bordered[:, :size], bordered[:, size:]
-        flat = self.half.transpose(1, 0, 2).reshape(count + 1, -1)
+        flat = np.ascontiguousarray(self.half.transpose(1, 0, 2).reshape(count + 1, -1))  # as of many views
         product = flat @ flat.T
         self.matrix = blocks.intrinsics - product[:count, :count]
         if damping:
@@ -126,7 +126,8 @@ class Reduced:
         # ½ (δᵀ λ D δ − gᵀδ): what the quadratic model loses along the damped step
         moved = np.ascontiguousarray(poses.T)
         slope = b.gradient @ own + b.pose_gradients.ravel() @ moved.ravel()
-        damp = self.diagonal @ (own * own) + np.einsum("iv,iv,iv->", self.pose_diagonal, poses, poses)
+        # summed as by `stack`
+        damp = self.diagonal @ (own * own) + (self.pose_diagonal * poses * poses).sum(-1).sum(0)
         return Step(own, moved), float(0.5 * (self.damping * damp - slope))
 
     def poses(self, own: Array) -> Array:

@@ -257,18 +257,19 @@ def _solved(equations: Equations, damping: Array) -> tuple[Steps, Array, Array]:
     bordered[:, 6:-1] = equations.coupling.transpose(3, 2, 0, 1)
     bordered[:, -1] = equations.pose_gradients.transpose(2, 0, 1)
     of_poses = bordered[diagonal, diagonal]
-    of_cameras = np.einsum("mii->mi", equations.intrinsics)
+    of_cameras = np.ascontiguousarray(np.einsum("mii->mi", equations.intrinsics))
     bordered[diagonal, diagonal] += damping[:, None] * of_poses
     flat = bordered.reshape(6, 6 + own + 1, -1)
     eliminate(flat)
     half = bordered[:, 6:]
-    rows = half.transpose(2, 1, 0, 3).reshape(count, own + 1, -1)
+    rows = np.ascontiguousarray(half.transpose(2, 1, 0, 3).reshape(count, own + 1, -1))
     product = rows @ rows.transpose(0, 2, 1)
     matrix = equations.intrinsics - product[:, :own, :own]
     np.einsum("mii->mi", matrix)[:] += damping[:, None] * of_cameras
     step, pivots = _solved_scaled(matrix, product[:, :own, own] - equations.gradient)
     factors = np.concatenate([-step, np.full((count, 1), -1.0)], 1)
-    right = np.matmul(factors[:, None], half.transpose(0, 2, 1, 3))[:, :, 0]
+    # in one piece as alone: with up to three views the last bits depend on the distance of the rows in memory
+    right = np.matmul(factors[:, None], np.ascontiguousarray(half.transpose(0, 2, 1, 3)))[:, :, 0]
     poses = back_substitution(flat[:, :6], right.reshape(6, -1)).reshape(6, count, views)
     moved = np.ascontiguousarray(poses.transpose(1, 2, 0))
     slope = _dot(equations.gradient, step) + _dot(equations.pose_gradients, moved)

@@ -121,9 +121,8 @@ def start_worker() -> None:
     import threading
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for name in (
-        ENDING
-    ):  # a copy of the parent would raise its `Terminated`, which the pool's loop takes for a result
+    # a copy of the parent would raise its `Terminated`, which the pool's loop takes for a result
+    for name in ENDING:
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, signal.SIG_DFL)

@@ -84,6 +84,25 @@ def test_short_jobs_go_in_groups_that_shrink_to_the_end():
     assert sizes[0] == 1 and max(sizes) == running.MOST_IN_GROUP and sizes[-1] == 1
 
 
+def test_jobs_of_pictures_do_not_go_in_groups_of_the_size_of_those_of_points():
+    """A thousand quick jobs before them: a group of fifty of these would have no report for minutes."""
+
+    class Mixed(Here):
+        def submit(self, function, jobs, out):
+            assert len({job.kind for job in jobs}) == 1
+            future = super().submit(function, jobs, out)
+            seconds = 0.001 if jobs[0].kind == "points" else running.GROUP / 2.5
+            for row in future.result():
+                row["seconds"] = seconds
+            return future
+
+    pool = Mixed()
+    jobs = named(1000) + [Job(f"k{n}", "images", ("p",), {}) for n in range(40)]
+    assert len(list(running._rows(jobs, "out", pool))) == 1040
+    sizes = {kind: [len(g) for g in pool.groups if g[0][0] == kind] for kind in "jk"}
+    assert max(sizes["j"]) == running.MOST_IN_GROUP and max(sizes["k"]) == 2 and sizes["k"][0] == 1
+
+
 def test_what_is_in_flight_is_bounded():
     taken = []
 
@@ -359,6 +378,43 @@ def test_jobs_of_a_group_are_the_jobs_of_their_own(tmp_path):
     together, one_by_one = reports([jobs], "a"), reports([[job] for job in jobs], "b")
     assert together == one_by_one
     assert [row["status"] for row in together[0]] == ["done", "failed", "done", "failed", "done"]
+
+
+def test_a_job_by_itself_has_its_report_before_the_next_begins(tmp_path, monkeypatch):
+    """So that a kill does not lose the hours of a group; those calibrated together have theirs together."""
+    from camcal.batch import work
+
+    jobs = jobs_of(tmp_path, 5)
+    jobs[1:3] = [replace(job, kind="images") for job in jobs[1:3]]
+    there, own = [], work._solved
+
+    def solved(job):
+        there.append({path.name for path in (tmp_path / "out").glob("*.yaml")})
+        return own(replace(job, kind="points"))
+
+    monkeypatch.setattr(work, "_solved", solved)
+    monkeypatch.setattr(work, "ThreadPoolExecutor", AtOnce)
+    (tmp_path / "out").mkdir()
+    rows = run_jobs(jobs, str(tmp_path / "out"))
+    assert [row["name"] for row in rows] == [f"c{n}" for n in range(5)]
+    assert {row["status"] for row in rows} == {"done"}
+    assert there == [{"c0.yaml", "c3.yaml", "c4.yaml"}, {"c0.yaml", "c1.yaml", "c3.yaml", "c4.yaml"}]
+
+
+class AtOnce:
+    """A pool of threads that does everything when it is submitted."""
+
+    def __init__(self, count):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def submit(self, function, *args):
+        function(*args)
 
 
 def _timeless(report):

@@ -10,6 +10,7 @@ from camcal.solve import stack, together
 from camcal.solve.calibration import Calibration
 from camcal.solve.optimizers import lm
 from camcal.solve.refine import How, posed, refine
+from camcal.solve.schur import Reduced
 from camcal.solve.stack import Stack, alike, stackable
 from camcal.solve.together import Task, refine_all
 from tests import solved
@@ -68,6 +69,25 @@ def test_a_member_is_the_fit_of_its_own(model):
     found = refine_all(tasks)
     assert all(same(f, refine(*t)) for f, t in zip(found, tasks, strict=True))
     assert same(refine_all(tasks[2:3])[0], found[2]) and same(refine_all(tasks[::-1])[1], found[2])
+
+
+@pytest.mark.parametrize("views", [1, 2, 3, 5, 9, 16])
+@pytest.mark.parametrize("model", ["opencv5", "opencv12"])
+def test_a_step_is_that_of_its_own_equations(views, model):
+    """Every number, whatever its arrays' place in memory: with few views BLAS adds in another order for another one."""
+    made = [posed(*task(seed, model, views)) for seed in range(3)]
+    three = Stack([p.problem for p in made])
+    states = three.state([p.state for p in made])
+    equations = three.linearise(states, np.arange(3))
+    for damping in (1e-4, 3.0):
+        steps, predicted = three.solve(states, equations, np.full(3, damping))
+        for i, one in enumerate(made):
+            blocks = one.problem.linearise(one.state)
+            step, decrease = Reduced(blocks, damping).step()
+            assert np.array_equal(blocks.coupling, equations.coupling[i])
+            assert np.array_equal(step.intrinsics, steps.own[i]) or three.alone[i]
+            assert np.array_equal(step.poses, steps.poses[i]) or three.alone[i]
+            assert decrease == predicted[i] or three.alone[i]
 
 
 def test_views_of_unequal_sizes(stacked):
