@@ -39,15 +39,17 @@ def _report(camera: Any, points: Path, options: dict[str, Any], words: list[str]
     from camcal.peers.solve_pnp import against_cv2
     from camcal.report.camera import camera_entry
     from camcal.report.routes import document, view_entry
+    from camcal.routes.misfit import misfit
     from camcal.routes.pose import find, fits_mirrored
 
     views = read_points(points).views
-    entries, checks, wide, mirrored = [], [], {}, {}
+    entries, checks, wide, mirrored, shares = [], [], {}, {}, {}
     for view in views:
         found = find(camera, view, options["robust"], options["seed"])
         entries.append(view_entry(view.id, found))
         wide[view.id] = found.distance_half_width(view)
         mirrored[view.id] = fits_mirrored(camera, view, found)
+        shares[view.id] = misfit(found.solutions[0].residuals[found.used], view.uv[found.used])
         if options["crosscheck"]:
             used = view.take(found.used)
             checks.append(against_cv2(camera, used.xyz, used.uv, found.solutions[0].pose))
@@ -56,6 +58,7 @@ def _report(camera: Any, points: Path, options: dict[str, Any], words: list[str]
         sections = {"solutions": entries[0]["solutions"], **sections}
     held = list(camera.lens.names)
     said = _warnings(entries, wide) + _mirrored(mirrored)
+    said += _large({name: share for name, share in shares.items() if mirrored[name] is None})
     return document(words, camera_entry(camera, fixed=held), sections, checks, said)
 
 
@@ -109,6 +112,14 @@ def _mirrored(views: dict[str, tuple[float, float] | None]) -> list[dict[str, st
         for name, rms in views.items()
         if rms is not None
     ]
+
+
+def _large(shares: dict[str, float]) -> list[dict[str, str]]:
+    """The warnings about views whose residuals are no noise."""
+    from camcal.report.routes import images_do_not_fit
+    from camcal.routes.misfit import LARGE
+
+    return [images_do_not_fit(f"view '{name}'", share) for name, share in shares.items() if share > LARGE]
 
 
 def _table(report: dict[str, Any]) -> Any:

@@ -48,7 +48,12 @@ def _table(found: dict[str, Any]) -> Any:
     from camcal.cli.output import table
 
     rows = [
-        [p["point"], *p["xyz"], *p["sigma"], p["residual"], ";".join(p["outliers"]) or "-"]
+        [
+            p["point"],
+            *p["xyz"],
+            *(float(f"{x:.3g}") for x in (*p["sigma"], p["residual"])),
+            ";".join(p["outliers"]) or "-",
+        ]
         for p in found["points"]
     ]
     header = ["point", *"XYZ", "sigma_X", "sigma_Y", "sigma_Z", "residual", "outliers"]

@@ -23,6 +23,8 @@ Array = np.ndarray
 ROWS = 11  #: coefficients of the direct linear transformation with m34 = 1
 #: |m34| against the largest entry, below which it counts as 0: dividing would leave fewer than 7 digits
 NO_DEPTH = 1e-9
+#: of a determinant, for rows of length 1: a thousand times that of the arithmetic; 1e-6 with f = 1 px and c = 1000 px
+ROUNDING = 1e-13
 
 
 def looks_like_dlt(text: str) -> bool:
@@ -50,9 +52,9 @@ def read_dlt(path: str | os.PathLike) -> Array:
 def matrices(text: str, source: Path) -> Array:
     """The projection matrices (C, 3, 4) of the text of a file; see `read_dlt`."""
     if not looks_like_dlt(text):
-        rows = _rows(text)
         raise DataError(
-            f"'{source}' holds {len(rows)} rows; DLT coefficients are 11 rows of numbers, a column a camera.",
+            f"'{source}' is no file of DLT coefficients, which are {ROWS} rows of numbers, a column a camera: "
+            f"{_flaw(_rows(text))}.",
             "Give the file that the digitising program saved as DLT coefficients.",
         )
     coefficients = np.array(_rows(text), float).T
@@ -60,7 +62,36 @@ def matrices(text: str, source: Path) -> Array:
         raise DataError(
             f"'{source}' holds a coefficient that is not finite.", "Export the coefficients again."
         )
-    return np.c_[coefficients, np.ones(len(coefficients))].reshape(-1, 3, 4)
+    found = np.c_[coefficients, np.ones(len(coefficients))].reshape(-1, 3, 4)
+    for column, matrix in enumerate(found, 1):
+        if _singular(matrix):
+            raise DataError(
+                f"'{source}', column {column}: the coefficients are of no camera; L1 to L3, L5 to L7 and L9 to L11 as "
+                "rows of a matrix have a determinant of 0.",
+                "Export the coefficients again.",
+            )
+    return found
+
+
+def _singular(matrix: Array) -> bool:
+    """Return whether a projection matrix (3, 4) has no centre of projection, up to rounding."""
+    rows = matrix[:, :3]
+    return bool(abs(np.linalg.det(rows)) <= ROUNDING * np.linalg.norm(rows, axis=1).prod())
+
+
+def _flaw(rows: list[list[str]]) -> str:
+    """The first difference of a table from eleven rows of numbers."""
+    if len(rows) == ROWS + 1 and not any(is_number(f, ",") for f in rows[0]):
+        return f"its first row is a header ({', '.join(rows[0][:4])}), to be left out: cameras are counted from 1"
+    if len(rows) != ROWS:
+        return f"it holds {len(rows)} rows"
+    for line, row in enumerate(rows, 1):
+        wrong = [f for f in row if not is_number(f, ",")]
+        if wrong:
+            return f"row {line} holds '{wrong[0][:20]}'"
+        if len(row) != len(rows[0]):
+            return f"row {line} holds {len(row)} numbers, the first {len(rows[0])}"
+    raise AssertionError("a file of DLT coefficients")
 
 
 def dlt_text(matrices: Sequence[Array]) -> str:

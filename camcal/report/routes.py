@@ -14,6 +14,7 @@ from camcal.report.head import head
 from camcal.report.plain import plain
 from camcal.routes.assumed_centre import CENTRE
 from camcal.routes.distance import LINEAR
+from camcal.routes.misfit import LARGE
 from camcal.routes.pose import Found, Solution
 
 Array = np.ndarray
@@ -62,6 +63,18 @@ def uncertain_distance(what: str, half: float, hint: str) -> dict[str, str]:
         f"{what}: the distance from the camera is known to ± {100 * half:.0f} % (95 % interval); beyond "
         f"{100 * LINEAR:.0f} % intervals of two standard deviations contain the true value too rarely.",
         hint,
+    )
+
+
+def images_do_not_fit(what: str, share: float) -> dict[str, str]:
+    """The warning about residuals that are no noise; `share` as `camcal.routes.misfit.misfit`."""
+    return warning(
+        "images-do-not-fit",
+        f"{what}: the residuals are {share:.0%} of the spread of the image points; noise of their detection explains "
+        f"{LARGE:.0%} at most.",
+        "Check that points, images and cameras belong together: the order of points and cameras, the unit of the "
+        "images, and whether v is counted from the top.",
+        "wrong",
     )
 
 

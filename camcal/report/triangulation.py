@@ -18,10 +18,11 @@ from camcal.errors import DataError
 from camcal.peers.triangulate_points import against_cv2
 from camcal.report.placed import load_placed
 from camcal.report.rig_loading import from_document, is_rig_report
-from camcal.report.routes import document, uncertain_distance, warning
+from camcal.report.routes import document, images_do_not_fit, uncertain_distance, warning
 from camcal.report.yaml import read_document
 from camcal.routes.calibration_part import calibration_part
 from camcal.routes.distance import LINEAR
+from camcal.routes.misfit import LARGE, misfit
 from camcal.routes.placed import PlacedCamera
 from camcal.routes.triangulate import Images, Triangulated, far_half_widths, sorted_images, triangulate
 from camcal.system.text import cell
@@ -177,6 +178,10 @@ def _warnings(
                 "One more camera, or a longer baseline.",
             )
         )
+    rows = found.used & found.known[images.point]
+    share = misfit(found.residuals[rows], images.uv[rows], images.camera[rows])
+    if share > LARGE:
+        made.append(images_do_not_fit(f"{int(found.known.sum())} points", share))
     outliers = int((~found.used).sum())
     if outliers:
         made.append(

@@ -240,6 +240,10 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "Points close together as seen from the camera, or cameras close together.",
         "Points that are farther apart, a nearer picture, or a longer baseline.",
     ),
+    "images-do-not-fit": (
+        "Points and images in another order, images in another unit, v counted upwards, or the wrong camera.",
+        "Check which points, images and cameras belong together.",
+    ),
     "undetermined-points": (
         "One image of a point, or parallel rays.",
         "One more camera, or a longer baseline.",
@@ -275,6 +279,7 @@ FOUND = {
     "mirrored-points": "`camcal pose`: the points fit only with v counted upwards",
     "no-redundancy": "`camcal pose`: there are no residuals to judge the pose by",
     "uncertain-distance": "`camcal pose`, `camcal triangulate`: the 95 % interval of a distance exceeds 20 % to a side",
+    "images-do-not-fit": "`camcal pose`, `camcal triangulate`: residuals of more than 5 % of the spread of the images",
     "undetermined-points": "`camcal triangulate`: points without a position",
     "outlier-images": "`camcal triangulate`: images that disagree with the others of their point",
     "lines-left-out": "`camcal lines`: lines that are not straight compared with the others",

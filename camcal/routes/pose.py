@@ -167,7 +167,8 @@ def _solutions(camera: Camera, view: View, rays: Array, used: Array) -> list[Sol
     if not found:
         raise EstimationError(
             f"view '{view.id}': no pose puts its {len(kept)} points in front of the camera.",
-            "Check that each image point belongs to its object point, and the order of the columns.",
+            "Check that each image point belongs to its object point (of eight or more up to half may be wrong), and "
+            "the order of the columns.",
         )
     found.sort(key=lambda s: s.cost)
     return [s for s in found if _could_be(s, found[0], len(kept))]

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from camcal.errors import DataError
+from camcal.errors import DataError, EstimationError
 from camcal.least_squares.blocks import BlockNormal, Fitted, minimise, unit_eigen
 from camcal.least_squares.distributions import chi2_quantile
 from camcal.model.pose import Array
@@ -112,6 +112,8 @@ def triangulate(cameras: Sequence[PlacedCamera], images: Images, count: int) -> 
     ------
     DataError
         If no point has two images.
+    EstimationError
+        If no point is determined.
     """
     views = np.bincount(images.point, minlength=count)
     if views.max(initial=0) < 2:
@@ -123,7 +125,14 @@ def triangulate(cameras: Sequence[PlacedCamera], images: Images, count: int) -> 
     used = np.isfinite(_rays(cameras, images)).all(1)
     found = _solve(cameras, images, used, count)
     used = _without_outliers(cameras, images, used, found, count)
-    return _solve(cameras, images, used, count)
+    found = _solve(cameras, images, used, count)
+    if not found.known.any():
+        reason = max(sorted(set(found.reason)), key=found.reason.count)
+        raise EstimationError(
+            f"none of {count} points is determined; most often: {reason}.",
+            "Check that the cameras are different ones, and that the images are in their pixels.",
+        )
+    return found
 
 
 def _rays(cameras: Sequence[PlacedCamera], images: Images) -> Array:

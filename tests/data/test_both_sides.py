@@ -285,3 +285,10 @@ def test_points_that_are_nearly_a_plane():
         bent[:, 2] = np.where((xyz[:, 0] + xyz[:, 1]) % 2, 1.0, -1.0) * share * shape.NEARLY_PLANAR * extent
         view = View("a", bent, bent[:, :2])
         assert shape.shapes([view]).planar[0] == planar
+
+
+@pytest.mark.parametrize(("share", "singular"), [(LESS, True), (MORE, False)])
+def test_the_determinant_of_dlt_coefficients(share, singular):
+    matrix = np.diag([900.0, 900, share * dlt_table.ROUNDING, 1])[:3]
+    matrix[2] += [0, 1, 0, 1]  # row 3 along row 2
+    assert dlt_table._singular(matrix) == singular

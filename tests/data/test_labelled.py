@@ -66,6 +66,15 @@ def test_what_is_no_dlt_file_is_refused(tmp_path):
     assert not looks_like_dlt("a,b\n" * 11)
     with pytest.raises(DataError, match="10 rows"):
         read_dlt(written(tmp_path, "1,2\n" * 10))
+    good = dlt_text([np.c_[np.eye(3), np.ones(3)]] * 2).splitlines()
+    for rows, said in (
+        (["left,right", *good], r"header \(left, right\)"),
+        ([*good[:4], "x,1", *good[5:]], "row 5 holds 'x'"),
+        ([*good[:4], "1", *good[5:]], "row 5 holds 1 numbers, the first 2"),
+        (["0,0"] * 11, "column 1: the coefficients are of no camera"),
+    ):
+        with pytest.raises(DataError, match=said):
+            read_dlt(written(tmp_path, "\n".join(rows)))
     matrix = np.eye(3, 4)
     with pytest.raises(DataError, match="m34"):
         dlt_text([matrix])

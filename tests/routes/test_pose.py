@@ -17,10 +17,12 @@ from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.peers.solve_pnp import against_cv2
+from camcal.routes import misfit
 from camcal.routes import pose as routes_pose
 from camcal.routes.distance import LINEAR
 from camcal.start import absolute_pose
 from tests.shared_data import DATA, needs_data
+from tests.sides import LESS, MORE
 
 PINHOLE = Camera(lenses.make("pinhole"), np.array([700.0, 700, 320, 240]), (640, 480))
 WIDE = Camera(lenses.make("kb4"), np.array([300.0, 300, 320, 240, 0.02, -0.01, 0.001, 0]), (640, 480))
@@ -241,3 +243,21 @@ def test_control_points_of_an_aerial_picture_counted_upwards():
     )
     warning = next(w for w in json.loads(result.stdout)["warnings"] if w["code"] == "mirrored-points")
     assert "v increases upwards" in warning["message"] and "0.00513 px" in warning["message"]
+
+
+@pytest.mark.parametrize("exchanged", [0, 4])
+def test_points_that_do_not_belong_to_their_images_are_named(tmp_path, exchanged):
+    """Half of eight points exchanged."""
+    rng = np.random.default_rng(0)
+    xyz = rng.uniform(-0.2, 0.2, (8, 3))
+    uv = PINHOLE.project(Pose(rotations.exp([0.3, -0.4, 0.2]), np.array([0, 0, 0.8])).apply(xyz))
+    uv[:exchanged] = np.roll(uv[:exchanged], 1, 0)
+    found = command_report(tmp_path, xyz, uv + rng.normal(0, 0.3, uv.shape), "--robust", "none")
+    assert ("images-do-not-fit" in [w["code"] for w in found["warnings"]]) == bool(exchanged)
+
+
+@pytest.mark.parametrize(("share", "warned"), [(LESS, False), (MORE, True)])
+def test_residuals_that_are_no_noise(share, warned):
+    uv = np.array([[0.0, 0], [8, 0], [0, 6], [8, 6], [100, 100], [108, 100], [100, 106], [108, 106]])
+    residuals = np.full((8, 2), 5 / np.sqrt(2) * share * misfit.LARGE)
+    assert (misfit.misfit(residuals, uv, np.repeat([0, 1], 4)) > misfit.LARGE) == warned

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from camcal.cli.group import camcal
 from camcal.data.dlt_table import dlt_text
-from camcal.errors import DataError
+from camcal.errors import DataError, EstimationError
 from camcal.geometry import projective
 from camcal.model import lenses
 from camcal.model.camera import Camera
@@ -109,6 +109,23 @@ def test_undetermined_points_have_a_reason():
         triangulate([camera], sorted_images(np.zeros(3, int), np.arange(3), np.zeros((3, 2)))[0], 3)
     with pytest.raises(DataError, match="same point in the same camera"):
         sorted_images(np.zeros(2, int), np.zeros(2, int), np.zeros((2, 2)))
+
+
+def test_the_same_camera_twice_determines_no_point():
+    cameras = laboratory(count=1) * 2
+    with pytest.raises(EstimationError, match="none of 60 points is determined"):
+        triangulate(cameras, images_of(cameras, WORLD, 0.3), len(WORLD))
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+def test_images_that_do_not_belong_to_the_cameras_are_named(flipped):
+    cameras = laboratory(count=3)
+    images = images_of(cameras, WORLD, 1.0)
+    if flipped:
+        images.uv[:, 1] = 719 - images.uv[:, 1]
+    found = triangulate(cameras, images, len(WORLD))
+    codes = [w["code"] for w in _warnings({"undetermined": []}, found, images, list(map(str, range(60))))]
+    assert ("images-do-not-fit" in codes) == flipped
 
 
 def test_a_point_that_the_fit_moves_to_infinity_is_undetermined(monkeypatch):
