@@ -6,8 +6,8 @@ import numpy as np
 
 from camcal.model.pose import Array
 
-#: rms residual relative to the spread of the images, above which they do not fit. Image points of a target of 100 px are
-#: measured to 1 px or better, 0.03 of their spread; v counted upwards, exchanged cameras or points, and images in
+#: rms residual relative to the spread of the images, above which they do not fit. Image points of a target of 100 px
+#: are measured to 1 px or better, 0.03 of their spread; v counted upwards, exchanged cameras or points, and images in
 #: another unit leave 0.1 to 1 of it, because a fit absorbs the rest.
 LARGE = 0.05
 
