@@ -18,9 +18,11 @@ from camcal.errors import CamcalError, EstimationError, caught
 from camcal.geometry import projective
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
+from camcal.model.pose import Poses
 from camcal.plan.better import Candidate, lowest
 from camcal.plan.given_camera import GIVEN
 from camcal.plan.progress import Attempt, Begin, Change, Progress
+from camcal.plan.single_view import undetermined_centre
 from camcal.registry import look_up
 from camcal.solve import starts
 from camcal.solve.calibration import Stage
@@ -125,6 +127,9 @@ def _begin(found: ClosedForm, stage: Stage, progress: Progress) -> Begin:
         camera = Camera(
             lens, apply_fixed(lens, lens.from_matrix(found.matrix), how.fix), progress.given.image_size
         )
+    if not held:
+        held, more = _held_centre(camera, found.poses, progress)
+        warnings += more
     return Begin(found.name, camera, found.poses, stage.rms_point, held, warnings)
 
 
@@ -144,14 +149,26 @@ def _assumed(
     held: dict[str, float | None] = dict.fromkeys(found.info.get("held", ()))
     if not held or shape.distinct(observations.views) > 1:
         return {}, tuple(warnings)
-    said = CalibrationWarning(
+    return held, (_single_view(found.info["assumptions"]), *warnings)
+
+
+def _held_centre(
+    camera: Camera, poses: Poses, progress: Progress
+) -> tuple[Mapping[str, float | None], tuple[CalibrationWarning, ...]]:
+    """Hold the principal point of the start where a single view of a plane leaves it undetermined, with a warning."""
+    how = progress.options.how(progress.lens, {})
+    names = undetermined_centre(camera, poses, progress.data.kept(), how.fix)
+    if not names:
+        return {}, ()
+    return dict.fromkeys(("cx", "cy")), (_single_view(["the principal point is that of the start"]),)
+
+
+def _single_view(assumptions: Sequence[str]) -> CalibrationWarning:
+    return CalibrationWarning(
         "single-view",
-        "one view of a plane does not determine the camera; assumed: "
-        + ", ".join(found.info["assumptions"])
-        + ".",
+        f"one view of a plane does not determine the camera; assumed: {', '.join(assumptions)}.",
         "Add views of the target from other directions.",
     )
-    return held, (said, *warnings)
 
 
 def _wants_radial(progress: Progress) -> bool:
@@ -186,7 +203,8 @@ def _radial(progress: Progress) -> Change | None:
         return None
     camera, poses = found[0]
     notes = {"other_starts": tuple(found[1:])}
-    return Change(start=Begin("radial", camera, poses, rms), stage=stage, notes=notes)
+    held, warnings = _held_centre(camera, poses, progress)
+    return Change(start=Begin("radial", camera, poses, rms, held, warnings), stage=stage, notes=notes)
 
 
 # -------------------------------------------------------------------------------------------------- refinements

@@ -28,6 +28,7 @@ from camcal.model.lenses import make
 from camcal.model.pose import Poses
 from camcal.start import assumptions, pose, shape
 from camcal.start.base import ClosedForm, scaled
+from camcal.start.mirrored import mirrored_error
 from camcal.start.radial import UNCERTAIN, depths, partial_pose, prepared, turned
 
 #: degrees; planes tilted by less are reported as parallel to the picture if the focal length is undetermined
@@ -40,7 +41,7 @@ def estimate(correspondences: Observations, skew: bool = False, normalise: bool 
     Raises
     ------
     DataError
-        If a view has too few points.
+        If a view has too few points, or points in space and their images are mirrored.
     EstimationError
         If f and the distances cannot be separated: planes parallel to the picture (fronto-parallel).
     """
@@ -52,6 +53,10 @@ def estimate(correspondences: Observations, skew: bool = False, normalise: bool 
     partial = [partial_pose(v, np.zeros(2)) for v in views]
     lens = depths(views, partial, np.zeros(2), (0, 2))
     rotation = np.stack([turned(r, s) for (r, _), s in zip(partial, lens.signs, strict=True)])
+    if lens.coefficients[0] < 0 and lens.uncertainty < UNCERTAIN and not form.planar.any():
+        raise mirrored_error(
+            -rotation[0]
+        )  # r1 and r2 are the directions of u and v, r3 that of the reflection
     if not (lens.coefficients[0] > 0 and lens.uncertainty < UNCERTAIN):
         raise _undetermined(rotation, bool(form.planar.all()), lens.uncertainty)
     focal = float(lens.coefficients[0] * half_diagonal)
