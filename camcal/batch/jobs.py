@@ -261,8 +261,7 @@ def _cameras(value: Any, base: Path, where: str) -> tuple[str, ...]:
 
 def _check_models(jobs: Any) -> None:
     """Reject a model, or a held parameter, that does not exist, before any job is run."""
-    from camcal.model import lenses
-    from camcal.solve.parameters import apply_fixed
+    from camcal.solve.parameters import check_held
 
     tried: set[tuple[str, bool, str]] = set()
     defaults = CalibrationOptions.options()
@@ -273,11 +272,10 @@ def _check_models(jobs: Any) -> None:
         for name in model.values() if rig and isinstance(model, Mapping) else [model]:
             fix = {} if rig else fix
             key = (name, skew, repr(fix))
-            if name in ("auto", "select") or key in tried:
+            if key in tried:
                 continue
             tried.add(key)
             try:
-                lens = lenses.make(name, skew)
-                apply_fixed(lens, lens.neutral, fix)
+                check_held(name, skew, fix)
             except UsageError as error:
                 raise UsageError(f"job '{job.name}': {error.message}", error.hint) from None

@@ -188,7 +188,11 @@ def _rows(jobs: Iterable[Job], out: str, pool: Local | Cluster) -> Iterator[Row]
                 except pool.lost:
                     lost += group
                     continue
-                pace[group[0].kind] = sum(row["seconds"] for row in rows) / len(rows)
+                spent = [
+                    row["seconds"] for row in rows if row["status"] == DONE
+                ]  # those that fail may be quick
+                if spent:
+                    pace[group[0].kind] = sum(spent) / len(spent)
                 yield from rows
             if lost:
                 lost += [job for group in flying.values() for job in group] if isinstance(pool, Local) else []

@@ -18,7 +18,7 @@ from camcal.assess.design import Design
 from camcal.assess.fold_difference import difference_of_folds
 from camcal.assess.holdout import described, folds_wanted, hold_out
 from camcal.data.observations import Observations
-from camcal.errors import CamcalError, DataError, EstimationError, caught, only
+from camcal.errors import CamcalError, DataError, EstimationError, UsageError, caught, only
 from camcal.geometry import projective
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
@@ -33,6 +33,7 @@ from camcal.plan.run import begun, plan, usable
 from camcal.plan.solution import Solution, of_fit
 from camcal.solve import outliers, ransac
 from camcal.solve.calibration import Calibration, Stage
+from camcal.solve.parameters import check_held
 from camcal.solve.refine import How, residuals
 
 #: called with (what happens, details) as the work goes on
@@ -114,8 +115,12 @@ def calibrate_many(
     ------
     UsageError
         For an unknown option, model or parameter, and for a value that does not fit.
+
+    What the iterable itself raises, such as an error of a file that it reads, is passed on: the results so far are
+    lost.
     """
     asked = Options.resolve(model=model, robust=robust, **options)
+    check_held(model, asked.skew, asked.fix)
     rest, found = iter(cameras), list[Solution | CamcalError]()
     while some := list(islice(rest, AT_A_TIME)):
         for one in _followed(some, asked):
@@ -130,9 +135,9 @@ def _followed(
     cameras: Sequence[Observations], asked: Options
 ) -> list[tuple[Progress, Mapping[str, Any] | None] | CamcalError]:
     """The attempts that were made with each camera, and how its lens model was chosen if it was not given."""
-    Observations.fit_shapes(cameras)
+    Observations.fit_shapes([one for one in cameras if isinstance(one, Observations)])
     known = fully_known(asked, None) is not None
-    given = [caught(usable, one, known) for one in cameras]
+    given = [caught(_usable, one, known) for one in cameras]
     sets = [one for one in given if not isinstance(one, CamcalError)]
     made: Sequence[tuple[Progress, Mapping[str, Any] | None] | CamcalError]
     if known:
@@ -144,6 +149,17 @@ def _followed(
         made = [p if isinstance(p, CamcalError) else (p, None) for p in followed]
     results = iter(made)
     return [one if isinstance(one, CamcalError) else next(results) for one in given]
+
+
+def _usable(given: Any, known: bool) -> Observations:
+    """`usable` of what may be something else."""
+    if not isinstance(given, Observations):
+        raise UsageError(
+            f"the observations of a camera are needed, not a {type(given).__name__}.",
+            "camcal.read_points reads a table, camcal.detect_images finds the points of pictures, and "
+            "camcal.calibrate_rig takes those of a rig.",
+        )
+    return usable(given, known)
 
 
 def _placed(given: Observations, asked: Options) -> tuple[Progress, None]:

@@ -7,11 +7,19 @@ from collections.abc import Mapping
 import numpy as np
 
 from camcal.errors import UsageError
+from camcal.model import lenses
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array
 
 #: not a parameter but a constraint: fy = fx times the initial ratio, or times the given value
 ASPECT = "aspect"
+
+
+def check_held(model: str, skew: bool, fix: Mapping[str, float | None]) -> None:
+    """Raise a UsageError for a model that does not exist, and as `apply_fixed`; a model to be chosen has no names yet."""
+    if model not in ("auto", "select"):
+        lens = lenses.make(model, skew)
+        apply_fixed(lens, lens.neutral, fix)
 
 
 def apply_fixed(lens: Lens, params: Array, fix: Mapping[str, float | None]) -> Array:

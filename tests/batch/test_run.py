@@ -93,7 +93,8 @@ def test_jobs_of_pictures_do_not_go_in_groups_of_the_size_of_those_of_points():
             future = super().submit(function, jobs, out)
             seconds = 0.001 if jobs[0].kind == "points" else running.GROUP / 2.5
             for row in future.result():
-                row["seconds"] = seconds
+                fails = row["name"] in ("k0", "k7")  # at once
+                row |= {"seconds": 0.001, "status": "failed"} if fails else {"seconds": seconds}
             return future
 
     pool = Mixed()

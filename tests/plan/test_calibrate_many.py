@@ -102,6 +102,17 @@ def test_wrong_options_are_an_error_of_the_call(cameras):
         camcal.calibrate_many(cameras[:1], model="opencv6")
     with pytest.raises(UsageError):
         camcal.calibrate_many(cameras[:1], colour="red")
+    with pytest.raises(UsageError, match="no parameter 'k9'"):
+        camcal.calibrate_many(cameras[:1], model="opencv5", fix={"k9": 0.0})
+
+
+@pytest.mark.parametrize("other", ["table.csv", None])
+def test_what_is_not_a_camera_is_an_error_in_place(cameras, other):
+    found = camcal.calibrate_many([cameras[0], other], model="opencv5", **QUICK)
+    assert isinstance(found[0], Solution) and isinstance(found[1], UsageError)
+    assert f"not a {type(other).__name__}" in str(found[1])
+    with pytest.raises(UsageError, match="observations of a camera"):
+        camcal.calibrate(other, model="opencv5", **QUICK)
 
 
 def test_attempts_that_are_made_together():
