@@ -16,7 +16,7 @@ ASPECT = "aspect"
 
 
 def check_held(model: str, skew: bool, fix: Mapping[str, float | None]) -> None:
-    """Raise a UsageError for a model that does not exist, and as `apply_fixed`; a model to be chosen has no names yet."""
+    """Raise a UsageError as `apply_fixed`, and for a model that does not exist; one to be chosen has no names yet."""
     if model not in ("auto", "select"):
         lens = lenses.make(model, skew)
         apply_fixed(lens, lens.neutral, fix)
