@@ -63,7 +63,9 @@ class State:
         there = {name.removesuffix(".yaml") for name in self.storage.names() if name.endswith(".yaml")}
         for name in [name for name in self.rows if name not in there]:
             del self.rows[name]
-        for name in sorted(there & set(wanted) - set(self.rows)):
+        # a report lacks the covariances that a prior needs
+        known = {job.name for job in jobs if not job.options.get("fleet_prior")}
+        for name in sorted(there & known - set(self.rows)):
             row = self._from_report(name)
             if row is not None:
                 self._take(row, wanted)

@@ -62,7 +62,7 @@ def command(ctx: click.Context, source: str, output: str, **options: Any) -> int
     storage = Storage(output)
     storage.write("summary.csv", csv_text(rows))
     storage.write("summary.html", page(rows, charts))
-    if options["fleet_prior"]:
+    if options["fleet_prior"] or any(job.options.get("fleet_prior") for job in jobs):
         written = write_fleet(rows, storage)
         note(f"{counted(written, 'camera')} with the prior of their type: {shown(output)}/{FLEET}")
         if written < len(rows):

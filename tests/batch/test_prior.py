@@ -90,3 +90,17 @@ def test_a_type_that_is_too_small_has_no_prior(tmp_path, count):
     jobs = read_jobs(str(tmp_path), common)
     rows = fleet.with_fleet(run(jobs, str(tmp_path / "out")), ())
     assert write_fleet(rows, Storage(str(tmp_path / "out"))) == (count if count >= fleet.LEAST else 0)
+
+
+def test_a_job_that_was_not_noted_before_a_kill_is_repeated_for_its_covariance(tmp_path):
+    """Its report is there, but has no covariances: the camera would lack its prior after --resume."""
+    write_camera(tmp_path / "c0.csv", 0, views=3)
+    common = {"model": "pinhole", "checks": False, "crosscheck": False, "robust": "none", "fleet_prior": True}
+    jobs, out = read_jobs(str(tmp_path), common), tmp_path / "out"
+    (first,) = run(jobs, str(out))
+    (again,) = run(jobs, str(out), resume=True, on_row=lambda *_: pytest.fail("repeated"))
+    assert again == first and "covariance" in first
+    for path in (out / "batch-state").iterdir():
+        path.unlink()
+    (after,) = run(jobs, str(out), resume=True)
+    assert after["covariance"] == first["covariance"]

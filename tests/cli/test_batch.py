@@ -57,6 +57,13 @@ def test_gates_failures_and_resume(camcal):
     assert code == 1 and "3 gates fallen" in err
 
 
+def test_a_prior_that_the_jobs_ask_for(camcal):
+    """In JOBS.yaml as by the flag; two cameras are too few, which is said."""
+    write_jobs(2, c0={"fleet_prior": True})
+    code, _, err = camcal("batch", "jobs.yaml", "-o", "out", "-j", "1")
+    assert code == 0 and "0 cameras with the prior of their type" in err and "A prior needs 8 cameras" in err
+
+
 def test_the_report_is_that_of_a_single_run(camcal):
     write_camera("p.csv")
     Path("jobs.yaml").write_text(
