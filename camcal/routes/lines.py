@@ -26,6 +26,7 @@ from camcal.model.lenses.base import Lens
 from camcal.model.lenses.inverse import InverseLens
 from camcal.model.pose import Array
 from camcal.records import dataclass
+from camcal.routes.between_lines import with_scatter
 from camcal.routes.line_geometry import (
     Lines,
     best_normals,
@@ -179,7 +180,7 @@ def fit(lines: Lines, start: Camera, fix: Mapping[str, float | None], resistant:
         if (moved <= SETTLED * scale + ROUNDING * np.abs(before)).all():
             break
     assert fitted is not None
-    return _finished(lines, start, free, weight, fitted, total)
+    return _finished(lines, start, free, weight, fitted, total, resistant)
 
 
 def _weights(off: Array) -> Array:
@@ -299,16 +300,22 @@ def _with_prior(
 
 def _covariance(reduced: Array, free: Array, points: int) -> tuple[Array, Array]:
     """Unscaled covariance (P, P) of the parameters, and the undetermined directions (P, U)."""
+    basis, lost = _basis(reduced, free, points)
+    return basis @ basis.T, lost
+
+
+def _basis(reduced: Array, free: Array, points: int) -> tuple[Array, Array]:
+    """B (P, K), with the unscaled covariance B Bᵀ of the parameters, and the undetermined directions (P, U)."""
     diagonal = np.maximum(np.diagonal(reduced), 0)
     alive = np.sqrt(diagonal / points) > DEAD
     scale = np.sqrt(diagonal[alive])
     values, vectors = np.linalg.eigh(reduced[np.ix_(alive, alive)] / np.outer(scale, scale))
     known = values > UNDETERMINED**2 * values.max(initial=0)
     basis = free[:, alive] @ (vectors / scale[:, None])
-    covariance = (basis[:, known] / values[known]) @ basis[:, known].T
+    determined = basis[:, known] / np.sqrt(values[known])
     lost = basis[:, ~known]
     lost = lost / np.maximum(np.linalg.norm(lost, axis=0), np.finfo(float).tiny)
-    return covariance, np.c_[lost, free[:, ~alive]]
+    return determined, np.c_[lost, free[:, ~alive]]
 
 
 def _finished(
@@ -318,18 +325,22 @@ def _finished(
     weight: Array,
     fitted: Fitted[_State],
     total: int,
+    candidates: bool,
 ) -> LineFit:
     camera = replace(start, params=fitted.state.params)
     at = line_rays(camera, lines.uv)
     assert at is not None
     n = fitted.state.normals[lines.line]
     off = (n * at[0]).sum(1) / slopes(at, n)
-    covariance, lost = _covariance(fitted.normal.reduced(), free, len(lines.uv))
+    basis, lost = _basis(fitted.normal.reduced(), free, len(lines.uv))
     factor = inflation(off, lines.line)
     freedom = len(off) - 2 * len(lines) - free.shape[1]
     # Huber & Ronchetti, Robust Statistics, 2009, (7.83), with (JᵀWJ)⁻¹ mean(w) for (JᵀJ)⁻¹
     score, inside = weight * off, float((weight == 1).mean())
-    covariance = covariance * (weight.mean() / inside**2 * (score @ score) / freedom) * factor
+    variance = weight.mean() / inside**2 * (score @ score) / freedom * factor
+    covariance = variance * basis @ basis.T
+    if candidates:
+        covariance = with_scatter(lines, at, n, weight, basis, variance)
     names, loose = camera.lens.names, _loose(camera.lens, lost)
     for name in loose:
         covariance[names.index(name), names.index(name)] = np.inf

@@ -17,11 +17,12 @@ from camcal.errors import DataError, EstimationError
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.peers.undistort_points import against_cv2
-from camcal.routes import straightness
+from camcal.routes import between_lines, straightness
 from camcal.routes.distortion_first import at_focal_length, held_parameters, without_distortion
 from camcal.routes.line_geometry import Lines
 from camcal.routes.line_start import estimate
 from camcal.routes.lines import fit, held, inflation, nominal
+from tests.sides import LESS, MORE
 
 SIZE = (1280, 960)
 BROWN = Camera(
@@ -292,3 +293,45 @@ def test_the_commands(tmp_path):
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((200, 300), 128, np.uint8))
     with pytest.raises(DataError, match="no line"):
         run("lines", tmp_path / "grey.png")
+
+
+def some_bent(seed):
+    """Eight lines, two of them bent by about 1.5 px."""
+    rng = np.random.default_rng(seed)
+    lines = lines_of(DIVISION, 8, 0.2, points=30, seed=seed)
+    bend = np.linspace(-1, 1, 30) ** 2 - 1 / 3
+    across = rng.normal(0, 1.5, (2, 2))
+    lines.uv[:60] += np.concatenate([bend[:, None] * a for a in across])
+    return lines
+
+
+def test_the_scatter_between_curves_is_in_the_sigmas():
+    off = {False: [], True: []}
+    for seed in range(20):
+        lines = some_bent(seed)
+        for candidates in off:
+            found = fit(lines, DIVISION, {"fx": None, "fy": None, "cx": None, "cy": None}, candidates)
+            off[candidates].append(
+                (found.camera.params[-1] - DIVISION.params[-1]) / found.covariance[-1, -1] ** 0.5
+            )
+    hold = {k: np.mean(np.abs(v) <= 1.96) for k, v in off.items()}
+    assert (
+        hold[False] < 0.8 and hold[True] >= 0.85
+    )  # of 20 intervals of 95 %, 17 or more hold in 98 % of cases
+
+
+def test_curves_without_mistakes_are_as_certain_as_their_points_say():
+    lines = lines_of(DIVISION, 40, 0.2, points=15)
+    held = {"fx": None, "fy": None, "cx": None, "cy": None}
+    alone, scatter = (fit(lines, DIVISION, held, c).covariance[-1, -1] for c in (False, True))
+    assert 1 <= scatter / alone < 1.6  # a variance of 40 values is off by 22 %, Student's t adds 6 %
+
+
+@pytest.mark.parametrize(("share", "counts"), [(LESS, False), (MORE, True)])
+def test_a_line_that_alone_determines_a_direction(share, counts):
+    """Two lines and a parameter: the second's part of it is 1 - leverage of the first."""
+    small = np.sqrt(share * between_lines.ALONE)
+    moves = np.repeat([np.sqrt(1 - small**2), small], 3)[:, None] / np.sqrt(3)
+    lines = Lines.of([np.zeros((3, 2)), np.zeros((3, 2))], ["a", "b"], SIZE)
+    changes = between_lines.changes_without(lines, moves, np.zeros((6, 2)), np.full(6, 1.0))
+    assert (changes[0] != 0).all() == counts
