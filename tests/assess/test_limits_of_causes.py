@@ -1,5 +1,6 @@
 """Numbers of the covariance, of half turns and of the causes of misfits, each just below and just above."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,10 @@ import pytest
 from camcal.assess import covariance, half_turns, next_view
 from camcal.assess.causes import search
 from camcal.model.pose import Pose, Poses
+from camcal.solve.optimizers.base import Options
+from camcal.solve.refine import refine
 from tests.sides import LESS, MORE
+from tests.solved import solved
 
 
 @pytest.mark.parametrize(("share", "coupled"), [(LESS, True), (MORE, False)])
@@ -78,3 +82,16 @@ class _Added:
 
     def __getitem__(self, _):
         return self
+
+
+def test_steps_of_the_fit_of_a_cause(monkeypatch):
+    """Half of the pictures are stored at half their size: twelve steps leave three times the cost."""
+    good = solved("pinhole", views=8)
+    data, after = good.observations, np.arange(8) >= 4
+    uv = data.uv * np.where(after[data.view], 0.5, 1.0)[:, None]
+    made = search.Search(refine(good.camera, good.poses, replace(data, uv=uv)))
+    usual, costs = search._SHORT.max_iterations, []
+    for steps in (12, usual, 2 * usual):
+        monkeypatch.setattr(search, "_SHORT", Options(max_iterations=steps, tolerance=search.NEAR))
+        costs.append(made.fit("resized", "split", made._parts("resized", after), after, 0.0).cost)
+    assert costs[1] == pytest.approx(costs[2], rel=1e-5) and costs[0] > 2 * costs[1]

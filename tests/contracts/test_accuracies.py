@@ -1,19 +1,29 @@
-"""Accuracies at which iterations end: a finer one changes less than the tolerance, a much coarser one more.
+"""Accuracies at which iterations end, and further rounds: finer ones change less than the tolerance, coarser ones more.
 
 The tolerance is a part of what noise does to the result. Limits of rounds and steps are in `test_limits_of_work`,
 numbers of the detection in `tests/detect/test_accuracy_limits.py`.
 """
 
 import importlib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from camcal.assess import candidate_views
+from camcal.assess.causes import effect
 from camcal.geometry import rotations
+from camcal.model import lenses
+from camcal.model.camera import Camera
+from camcal.model.pose import Pose
+from camcal.model.rectification import rectify
+from camcal.routes import lines, natural
 from camcal.start import dlt_distorted, fitzgibbon, mdlt, radial
 from camcal.start import pose as start_pose
 from tests.contracts import test_limits_of_work as work
+from tests.routes import test_lines, test_natural
 from tests.sides import same_with_finer_and_not_with_coarser
+from tests.solved import solved
 from tests.start import scenes
 
 
@@ -28,6 +38,38 @@ def initial_poses():
 def radial_focal():
     made = work.noisy(scenes.board(), scenes.tilts(6), 0.3, scenes.K_NO_SKEW, bend=-0.2)
     return np.array([radial.estimate(made).camera.params[0]])
+
+
+def left_of_a_turn():
+    """Pixels, of a camera that is turned by 9 degrees."""
+    camera = Camera(lenses.make("opencv4"), np.array([800.0, 800, 640, 480, -0.3, 0.1, 0, 0]), (1280, 960))
+    rays = np.c_[np.random.default_rng(0).uniform(-0.5, 0.5, (30, 2)), np.ones(30)]
+    pixels = camera.project(rays @ rotations.exp(np.array([0.1, -0.08, 0.1])).T)
+    warp = SimpleNamespace(field=lambda uv: (np.zeros((0, 2, uv.shape[1])), None))
+    return effect._left(camera, warp, np.zeros(0), rays, pixels)
+
+
+def placed_targets():
+    """Positions, in squares of the board; some have to be moved far into the picture."""
+    candidates = candidate_views.Candidates(solved(views=4), True)
+    rng = np.random.default_rng(0)
+    turned = rotations.exp(rng.normal(0, 0.4, (60, 3)))
+    return candidates._placed(turned, rng.uniform(0, 400, (60, 2)), rng.uniform(0.25, 0.9, 60)).translations
+
+
+def turn_of_a_pair():
+    """Of 4 degrees, rad."""
+    one = test_natural.camera()
+    uv = [q[:160] for q in test_natural.matched(one, one, test_natural.POSE, wrong=20)]
+    wrong = Pose(rotations.exp(np.array([0.05, 0.03, 0.04])), np.zeros(3)) @ test_natural.POSE
+    return natural.turn_of(rectify(one, one, wrong), *uv).vector
+
+
+def straight_lines():
+    lens = lenses.make("division:1")
+    start = Camera(lens, lens.pinhole(1280, 1280, 639.5, 479.5), test_lines.SIZE)
+    made = test_lines.lines_of(test_lines.DIVISION, count=15, noise_px=0.1, points=12)
+    return lines.fit(made, start, {"fx": 1280.0, "fy": 1280.0}).camera.params
 
 
 #: module.NAME: (coarse, fine, tolerance, example)
@@ -51,6 +93,10 @@ ACCURACIES = {
     "start.radial.ROUNDS": (1, 40, 1.0, radial_focal),
     "start.radial.LEAST_ROUNDS": (0, 6, 1.0, radial_focal),
     "start.radial.CENTRE_SPREAD": (1e-4, 0.07, 1.5, radial_focal),
+    "assess.causes.effect._STEPS": (1, 10, 1e-9, left_of_a_turn),
+    "assess.candidate_views._FITS": (6, 50, 1e-3, placed_targets),
+    "routes.natural.TURN_STEPS": (1, 16, 1e-6, turn_of_a_pair),
+    "routes.lines.ROUNDS": (1, 24, 1e-5, straight_lines),
 }  # fmt: skip
 
 

@@ -342,3 +342,19 @@ def test_parameters_that_lines_leave_undetermined(monkeypatch):
         monkeypatch.setattr(lines, "_covariance", with_lost)
         made = lines.fit(seen, start, {})
         assert (start.lens.names[2] in made.undetermined) == undetermined
+
+
+def test_images_of_a_view_that_is_solved_again(monkeypatch):
+    """In the rounds for all cameras a view of fewer images keeps its camera."""
+    least = projective_views.LEAST
+    monkeypatch.setattr(projective_views, "_cameras", lambda xyz, *_: np.ones((len(xyz), 3, 4)))
+    monkeypatch.setattr(projective_views, "_distances", lambda _, q: np.zeros((1, len(q))))
+    for count, solved in ((least, True), (least - 1, False)):
+        state = SimpleNamespace(
+            points=np.ones((count, 4)), point=np.arange(count), view=np.zeros(count, int), q=np.ones((count, 3)),
+            known=np.array([True]), cameras=np.zeros((1, 3, 4)), least=0.1, _place=lambda: None,
+            _usable=lambda everything=False, n=count: np.ones(n, bool), _weights=lambda rows: np.ones(len(rows)),
+            _seen=lambda rows: np.ones((len(rows), 3)),
+        )  # fmt: skip
+        projective_views._State.alternate(state, 1)
+        assert state.cameras.any() == solved

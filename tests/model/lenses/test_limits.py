@@ -136,12 +136,14 @@ def test_bracketed_steps(monkeypatch):
 
 
 def test_cells_of_the_table_of_an_inverse(monkeypatch):
-    """To 1e-9, and not with a quarter of them."""
+    """To 1e-9 with 8 kB, and not with a quarter of them."""
     target = np.linspace(0, 0.999 * np.sin(0.8), 1000)
     for cells, fine in ((curve.CELLS // 4, False), (curve.CELLS, True)):
         monkeypatch.setattr(curve, "CELLS", cells)
-        found = curve.Inverse(lambda t: (np.sin(t), np.cos(t)), 0.8).start(target.copy())
+        made = curve.Inverse(lambda t: (np.sin(t), np.cos(t)), 0.8)
+        found = made.start(target.copy())
         assert (np.abs(found - np.arcsin(target)).max() < 1e-9) == fine
+        assert made._table.nbytes <= 8192
 
 
 def test_slopes_of_cubics_that_grow():
@@ -194,6 +196,7 @@ def test_steps_that_are_shortened():
     """Beyond a tenth of a focal length they are at most half of the radius and of .2."""
     long = inverse.LONG
     assert stepped(LESS * long)[0] == pytest.approx(LESS * long)
+    assert stepped(long / 1.5, begin=-0.5 * inverse.SPAN)[0] == pytest.approx(long / 1.5)
     assert stepped(MORE * long)[0] == pytest.approx(0.5 * inverse.SPAN) == pytest.approx(0.1)
     assert stepped(5.0, begin=1.0)[0] == pytest.approx(0.6)
     assert stepped(LESS * 0.6, begin=1.0)[0] == pytest.approx(LESS * 0.6)
@@ -202,3 +205,25 @@ def test_steps_that_are_shortened():
 def test_the_last_step_of_a_pixel():
     assert stepped(LESS * inverse.LAST_STEP, most=3)[1] == 1
     assert stepped(MORE * inverse.LAST_STEP, most=3)[1] == 3
+
+
+def test_the_extent_of_a_domain():
+    """Folds at different radii, up to which it is traced in 32 parts of 99 steps of the angle, in 24 directions."""
+    lens = SimpleNamespace(farthest=lambda _: 20.0, pixel_inside=lambda p, q, _: np.ones(p.shape, bool))
+    lens._until_fold = lambda k, radius: inverse.InverseLens._until_fold(lens, k, radius)
+
+    def ray(fold, p, q):
+        # (p, q, 1 + r² / fold²): X · (dX/dp x dX/dq) = 1 - r² / fold²
+        one, none, c = np.ones_like(p), np.zeros_like(p), 1 / fold**2
+        return np.array([[p, q, 1 + c * (p * p + q * q)], [one, none, 2 * c * p], [none, one, 2 * c * q]])
+
+    lens.ray = ray
+    parts = []
+    for fold in np.linspace(0.7, 1.3, 150):
+        reach, radii = inverse.InverseLens._extent.__wrapped__(lens, fold)
+        assert reach.shape == (24,) and np.ptp(reach) < 1e-12
+        parts.append((np.arctan(fold) - np.arctan(reach[0])) / (np.arctan(20.0) / 99 / 32))
+    assert min(parts) >= 0 and 0.9 < max(parts) < 1.1
+    assert np.degrees(np.arctan(20.0) / 99 / 32) < 0.03
+    # a third of a degree from one of the table to the next
+    assert len(radii) == 513 and 0.3 < 180 / inverse.CELLS < 0.4
