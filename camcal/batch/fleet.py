@@ -174,7 +174,7 @@ def _control(name: str, quantity: str, group: _Group, tests: int) -> Control | N
 
 
 def with_fleet(rows: Sequence[Row], charts: Sequence[Control]) -> Rows:
-    """The rows with `outlier` (what is unusual, with its z) and `rank` (1 is the camera that is known best).
+    """The rows with `outlier` (what is unusual, with its z) and `rank` (1 is the camera with the smallest error).
 
     Ranked by the error on held-out views where that is known, else by the residuals; cameras that failed have none.
     """

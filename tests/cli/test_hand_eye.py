@@ -333,17 +333,17 @@ def test_pictures_of_visps_franka(run, tmp_path):
     assert h["setup"] == "in-hand" and h["robot"]["translation_rms"] == pytest.approx(4.5, abs=0.5)
 
 
-def test_a_camera_calibrated_from_the_same_pictures_is_estimated_along(run, made):
+def test_a_camera_calibrated_from_the_same_pictures_is_refined_with_the_transform(run, made):
     """The report says it beside the calibration; a camera that is known has no such entry."""
     made(mm=0.05, deg=0.005)
     code, out, _ = run("hand-eye", "views.yaml", "--poses", "poses.csv", "-o", "known.yaml")
-    assert code == 0 and "estimated along" not in out
+    assert code == 0 and "refined with" not in out
     assert "camera" not in yaml.safe_load(Path("known.yaml").read_text())["hand_eye"]
     words = ("--image-size", "640x480", "-m", "opencv4", "--robust", "none", "--no-crosscheck")
     code, _, err = run("estimate", "points.csv", *words, "-o", "own.yaml")
     assert code == 0, err
     code, out, err = run("hand-eye", "own.yaml", "--poses", "poses.csv", "-o", "hand.yaml")
-    assert code == 0 and "estimated along" in out, err
+    assert code == 0 and "camera, refined with the hand-eye transform" in out, err
     fx = yaml.safe_load(Path("hand.yaml").read_text())["hand_eye"]["camera"]["fx"]
     assert fx["sigma"] < fx["sigma_before"] and abs(fx["value"] - 600) < 4 * fx["sigma"]
     assert fx["before"] == yaml.safe_load(Path("own.yaml").read_text())["camera"]["parameters"]["fx"]["value"]
