@@ -83,7 +83,9 @@ def _pose(name: str, pose: Mapping[str, Any]) -> Table:
 
 
 def _camera(parameters: Mapping[str, Mapping[str, Any]]) -> Table:
-    table = _table("camera, refined with the hand-eye transform", "parameter", "value", "sigma", "by the pictures", "sigma")
+    table = _table(
+        "camera, refined with the transform", "parameter", "value", "sigma", "by the pictures", "sigma"
+    )
     for name, p in parameters.items():
         if p["sigma_before"] > 0:
             pairs = (with_sigma(p[v], p[s]) for v, s in (("value", "sigma"), ("before", "sigma_before")))

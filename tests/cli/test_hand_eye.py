@@ -343,7 +343,7 @@ def test_a_camera_calibrated_from_the_same_pictures_is_refined_with_the_transfor
     code, _, err = run("estimate", "points.csv", *words, "-o", "own.yaml")
     assert code == 0, err
     code, out, err = run("hand-eye", "own.yaml", "--poses", "poses.csv", "-o", "hand.yaml")
-    assert code == 0 and "camera, refined with the hand-eye transform" in out, err
+    assert code == 0 and "camera, refined with the transform" in out, err
     fx = yaml.safe_load(Path("hand.yaml").read_text())["hand_eye"]["camera"]["fx"]
     assert fx["sigma"] < fx["sigma_before"] and abs(fx["value"] - 600) < 4 * fx["sigma"]
     assert fx["before"] == yaml.safe_load(Path("own.yaml").read_text())["camera"]["parameters"]["fx"]["value"]
