@@ -22,17 +22,20 @@ def model_of(lens="pinhole", params=None, **fixed):
 
 
 # ------------------------------------------------------------------------------------ the pose of a first frame
-def test_rays_too_far_from_the_axis_for_a_pose():
+def test_rays_too_far_from_the_axis_for_a_pose(monkeypatch):
     model = model_of(params=[800.0, 800, 500, 400])
     xyz = np.random.default_rng(0).normal(size=(4, 3))
-    for share, enough in ((LESS, False), (MORE, True)):
+
+    def spread(_):
+        raise EstimationError("enough")
+
+    monkeypatch.setattr(physical_model, "_check_spread", spread)
+    for share, said in ((LESS, "0 points have a ray"), (MORE, "enough")):
         depth = share * physical_model.SHALLOW
         rays = np.c_[np.full(4, np.sqrt(1 - depth**2)), np.zeros(4), np.full(4, depth)]
         model.lens = SimpleNamespace(unproject=lambda _, uv, r=rays: (r, np.ones(len(uv), bool)))
-        frame = Frame(0, xyz, np.zeros((4, 2)))
-        with pytest.raises(EstimationError) as caught:
-            model.start(frame) if not enough else (_ for _ in ()).throw(EstimationError("enough"))
-        assert ("have a ray" in str(caught.value)) != enough
+        with pytest.raises(EstimationError, match=said):
+            model.start(Frame(0, xyz, np.zeros((4, 2))))
 
 
 @pytest.mark.parametrize(("given", "beliefs"), [(False, (3, 3, 0.3)), (True, (0.02, 0.02, 0.03))])
