@@ -17,14 +17,15 @@ from camcal.assess.checks import fit as fit_checks
 from camcal.assess.checks import lens as lens_checks
 from camcal.assess.checks.facts import Facts
 from camcal.data.observations import Observations
-from camcal.errors import CamcalError, EstimationError, caught, only
+from camcal.errors import CamcalError, EstimationError, UsageError, caught, only
+from camcal.model import lenses
+from camcal.model.lenses import ORDINARY
 from camcal.plan.minima import LOWEST
 from camcal.plan.options import Options
 from camcal.plan.progress import Progress, follow, follow_all
 from camcal.plan.run import BETTER, begun, camera_plan, plan
+from camcal.solve.starts import has
 
-#: the model of an ordinary lens
-ORDINARY = "opencv5"
 #: models ranked where it is too small for the lens, and where it is too large for the data
 WIDE = ("opencv5", "opencv8", "kb4", "mei", "eucm", "ds")
 SMALL = ("pinhole", "brown:radial=1,decentering=0", "brown:radial=2,decentering=0", "opencv4", "opencv5")
@@ -129,11 +130,39 @@ def _does_not_hold(progress: Progress) -> tuple[str, tuple[str, ...]]:
 def _ranked(
     given: Observations, asked: Options, models: tuple[str, ...], why: str
 ) -> tuple[Progress, Mapping[str, Any]]:
-    """The best of some models, with its whole plan."""
+    """The best of some models, with its whole plan; it holds those of the parameters to be held that it has."""
     from camcal.plan.selection import described, select  # few runs rank models
 
+    models = _with_held(models, asked)
     options = {name: getattr(asked, name) for name in ("skew", "fix", "robust", "seed")}
     found = described(select(given, models, **options))
     if why:
         found["why"] = f"{why}; {found['why']}"
-    return follow(plan(), begun(given, replace(asked, model=found["chosen"]))), found
+    lens = lenses.make(found["chosen"], asked.skew)
+    held = {name: value for name, value in asked.fix.items() if has(lens, name)}
+    return follow(plan(), begun(given, replace(asked, model=found["chosen"], fix=held))), found
+
+
+def _with_held(models: Sequence[str], asked: Options) -> tuple[str, ...]:
+    """The models that can hold what is asked for: one without a coefficient holds it at 0 only.
+
+    Raises
+    ------
+    UsageError
+        For a name that none of the models has, or values that no model of them has all.
+    """
+    made = {model: lenses.make(model, asked.skew) for model in models}
+    for name in asked.fix:
+        if not any(has(lens, name) for lens in made.values()):
+            raise UsageError(
+                f"none of the models to choose from has a parameter '{name}'.",
+                f"They are: {', '.join(models)}. Name a model: --model NAME.",
+            )
+    wanted = [name for name, value in asked.fix.items() if value]
+    able = tuple(m for m, lens in made.items() if all(has(lens, name) for name in wanted))
+    if not able:
+        raise UsageError(
+            f"none of the models to choose from has all of {', '.join(wanted)}.",
+            f"They are: {', '.join(models)}. Name a model: --model NAME.",
+        )
+    return able

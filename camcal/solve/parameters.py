@@ -16,9 +16,12 @@ ASPECT = "aspect"
 
 
 def check_held(model: str, skew: bool, fix: Mapping[str, float | None]) -> None:
-    """Raise a UsageError as `apply_fixed`, and for a model that does not exist; one to be chosen has no names yet."""
-    if model not in ("auto", "select"):
-        lens = lenses.make(model, skew)
+    """Raise a UsageError as `apply_fixed`, and for a model that does not exist.
+
+    `auto` tries the ordinary model first; the models of `select` have no names in common.
+    """
+    if model != "select":
+        lens = lenses.make(lenses.ORDINARY if model == "auto" else model, skew)
         apply_fixed(lens, lens.neutral, fix)
 
 

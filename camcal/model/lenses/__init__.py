@@ -9,6 +9,9 @@ from camcal.registry import look_up, split_spec
 if TYPE_CHECKING:
     from camcal.model.lenses.base import Lens
 
+#: the model of an ordinary lens, which is tried first
+ORDINARY = "opencv5"
+
 LENSES = {
     "pinhole": "camcal.model.lenses.opencv:OpenCV",
     "opencv4": "camcal.model.lenses.opencv:OpenCV",
