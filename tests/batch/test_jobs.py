@@ -183,7 +183,7 @@ def test_jobs_of_rigs_that_are_refused(tmp_path, entry, said):
 
 def test_a_held_parameter_that_the_default_model_does_not_have_is_refused_before_any_job(tmp_path):
     """`auto` tries opencv5 first."""
-    with pytest.raises(UsageError, match="job 'a': .*no parameter 'k9'"):
+    with pytest.raises(UsageError, match=r"job 'a': .*no parameter 'k9'"):
         listed(tmp_path, {"name": "a", "points": "p.csv", "fix": "k9"})
     listed(tmp_path, {"name": "a", "points": "p.csv", "fix": "k3", "model": "auto"})
 

@@ -45,5 +45,5 @@ def test_the_chosen_model_need_not_have_it(model, monkeypatch):
     monkeypatch.setattr("camcal.plan.lens.SMALL", ("pinhole", "opencv4"))
     found = camcal.calibrate(data, model=model, fix={"p1": None, "cx": 322.0}, **QUICK)
     assert found.camera.lens.name == "pinhole" and found.camera.params[2] == 322.0
-    with pytest.raises(UsageError, match="no parameter 'k9'|has a parameter 'k9'"):
+    with pytest.raises(UsageError, match=r"no parameter 'k9'|has a parameter 'k9'"):
         camcal.calibrate(data, model=model, fix={"k9": None}, **QUICK)
