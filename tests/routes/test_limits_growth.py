@@ -331,7 +331,7 @@ def test_focal_lengths_of_scenes():
 def test_parameters_that_lines_leave_undetermined(monkeypatch):
     """A direction that changes one parameter, and another by a part of it."""
     seen, start = lines_of(PINHOLE, 12), lines.nominal(lenses.make("division:1"), SIZE, {})
-    found = lines._covariance
+    found = lines._basis
     for share, undetermined in ((LESS, False), (MORE, True)):
 
         def with_lost(*args, share=share):
@@ -339,7 +339,7 @@ def test_parameters_that_lines_leave_undetermined(monkeypatch):
             lost[-1], lost[2] = 1.0, share * lines.NOTICEABLE
             return found(*args)[0], lost
 
-        monkeypatch.setattr(lines, "_covariance", with_lost)
+        monkeypatch.setattr(lines, "_basis", with_lost)
         made = lines.fit(seen, start, {})
         assert (start.lens.names[2] in made.undetermined) == undetermined
 
