@@ -72,6 +72,10 @@ def noise_model(calibration: Calibration, given: Array) -> NoiseModel:
 
     # τ = 0: the best κ² is the mean of |r|² / 2 s²
     alone = float(np.sqrt(np.mean(squares / (2 * s**2))))
+    if not (
+        alone > 0 and usual > 0
+    ):  # most points fit without any error: their residuals say nothing about it
+        return NoiseModel(1.0, 0.0)
     believed = float(np.sum(np.log((alone * s) ** 2)) + len(s))
     starts = [np.log([usual * a, usual * b]) for a, b in ((0.99, 0.1), (0.7, 0.7), (0.1, 0.99))]
     best, logs = min((_likeliest(start, s / middle, squares) for start in starts), key=lambda f: f[0])

@@ -8,7 +8,7 @@ import pytest
 from camcal.assess.curvature import accuracy
 from camcal.assess.figures import sigma_0
 from camcal.plan.calibrate import calibrate
-from camcal.solve.noise import noise_model
+from camcal.solve.noise import NoiseModel, noise_model
 from tests.solved import camera_of, grid, observe, tilted_poses
 
 
@@ -36,6 +36,17 @@ def test_a_floor_is_found():
     assert found.fit.info["noise_model"]["floor_px"] == pytest.approx(0.3, abs=0.06)
     given = data(1, floor=0.3).sigma
     assert noise_model(found, given).floor == pytest.approx(0.3, abs=0.06)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("share", [0.2, 0.6, 1.0])
+def test_points_without_any_error_say_nothing_about_the_sigmas(share):
+    """Of exact data: where more than half of the residuals that count are 0, the given sigmas stay."""
+    found = calibrate(data(0), model="opencv5", checks=False, crosscheck=False)
+    residuals = found.residuals.copy()
+    residuals[: int(share * len(residuals))] = 0.0
+    model = noise_model(replace(found, residuals=residuals), data(0).sigma)
+    assert (model == NoiseModel(1.0, 0.0)) == (share > 0.5) and np.isfinite(model.sigmas(data(0).sigma)).all()
 
 
 def test_intervals_hold_the_truth_with_given_sigmas():
