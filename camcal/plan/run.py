@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from camcal.data.observations import Observations
+from camcal.data.table import LARGEST_VALUE
 from camcal.errors import DataError
 from camcal.model import lenses
 from camcal.plan.boards import SHAPES
@@ -53,9 +56,10 @@ def usable(observations: Observations, known: bool = False) -> Observations:
     Raises
     ------
     DataError
-        Where none is left, or all are exact copies of one.
+        Where none is left, all are exact copies of one, or numbers are too large or too small to be computed with.
     """
     count = len(observations)
+    _check_range(observations)
     if count > 1 and shape.all_same(observations.views):
         raise DataError(
             f"all {count} views hold exactly the same points, so they count as one view; different views are needed.",
@@ -67,3 +71,16 @@ def usable(observations: Observations, known: bool = False) -> Observations:
         shape.check(observations, least)  # raises, with the reason of the first view
     check_numbering(observations)
     return observations.without(bad)
+
+
+def _check_range(observations: Observations) -> None:
+    """Raise a DataError for coordinates that readers refuse, and for a target too small for powers of its size."""
+    for values, what in ((observations.xyz, "points"), (observations.uv, "image points")):
+        if not (np.abs(values) <= LARGEST_VALUE).all():
+            raise DataError(f"the {what} have a coordinate above {LARGEST_VALUE:g}.", "Are the data damaged?")
+    extent = float(np.ptp(observations.xyz, axis=0).max()) if len(observations.xyz) else 0.0
+    if 0 < extent < 1 / LARGEST_VALUE:
+        raise DataError(
+            f"the points lie within {extent:g} of each other; at least {1 / LARGEST_VALUE:g} is needed.",
+            "Give them in a larger number of a smaller unit, such as millimetres.",
+        )

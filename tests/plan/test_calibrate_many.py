@@ -97,6 +97,18 @@ def test_some_at_a_time(cameras, monkeypatch):
     assert camcal.calibrate_many([], model="opencv5") == []
 
 
+@pytest.mark.parametrize(("world", "image", "said"), [
+    (1.01e70 / 8, 1, "points have a coordinate above"), (1, 1e68, "image points have a coordinate above"),
+    (0.99e-70 / 8, 1, "at least 1e-70 is needed"), (0.99e70 / 8, 1, ""), (1.01e-70 / 8, 1, ""),
+])  # fmt: skip
+def test_a_camera_of_absurd_numbers_is_an_error_in_place(cameras, world, image, said):
+    """Powers of them would be infinite or 0, and a decomposition of all views together would fail."""
+    views = [(v.xyz * world, v.uv * image) for v in camera(3).views]  # a board of 8 x 5
+    found = camcal.calibrate_many([cameras[0], Correspondences.from_views(views)], model="opencv5", **QUICK)
+    assert isinstance(found[0], Solution) and isinstance(found[1], DataError if said else Solution)
+    assert said in str(found[1])
+
+
 def test_wrong_options_are_an_error_of_the_call(cameras):
     with pytest.raises(UsageError, match="opencv6"):
         camcal.calibrate_many(cameras[:1], model="opencv6")
