@@ -15,9 +15,10 @@ from camcal.assess.causes import effect
 from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
-from camcal.model.pose import Pose
+from camcal.model.pose import Pose, Poses
 from camcal.model.rectification import rectify
 from camcal.routes import lines, natural
+from camcal.solve.poses import refine_poses
 from camcal.start import dlt_distorted, fitzgibbon, mdlt, radial
 from camcal.start import pose as start_pose
 from tests.contracts import test_limits_of_work as work
@@ -72,6 +73,14 @@ def straight_lines():
     return lines.fit(made, start, {"fx": 1280.0, "fy": 1280.0}).camera.params
 
 
+def poses_of_views():
+    """Translations in standard deviations, about .002 of a square."""
+    good = solved(views=3)
+    turned = rotations.exp(np.full((3, 3), 0.02)) @ good.poses.rotations
+    off = Poses(turned, good.poses.translations * 1.02)
+    return refine_poses(good.camera, good.observations.kept().views, off)[0].translations / 0.002
+
+
 #: module.NAME: (coarse, fine, tolerance, example)
 ACCURACIES = {
     "solve.condition._ACCURACY": (0.5, 1e-9, 1e-2, work.condition_number),
@@ -93,6 +102,7 @@ ACCURACIES = {
     "start.radial.ROUNDS": (1, 40, 1.0, radial_focal),
     "start.radial.LEAST_ROUNDS": (0, 6, 1.0, radial_focal),
     "start.radial.CENTRE_SPREAD": (1e-4, 0.07, 1.5, radial_focal),
+    "solve.poses._TOLERANCE": (1e-2, 1e-16, 1e-3, poses_of_views),
     "assess.causes.effect._STEPS": (1, 10, 1e-9, left_of_a_turn),
     "assess.candidate_views._FITS": (6, 50, 1e-3, placed_targets),
     "routes.natural.TURN_STEPS": (1, 16, 1e-6, turn_of_a_pair),

@@ -42,7 +42,7 @@ def test_items_that_are_ahead(monkeypatch):
     results.close()
 
 
-@pytest.mark.parametrize(("share", "waits"), [(0.5, True), (1.5, False)])
+@pytest.mark.parametrize(("share", "waits"), [(0.7, True), (1.1, False)])
 def test_time_for_a_process_to_end(monkeypatch, share, waits):
     """It is looked at again until it has ended, and for so long at most."""
     now, alive = [0.0], [True]

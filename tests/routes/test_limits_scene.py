@@ -7,8 +7,9 @@ import pytest
 
 from camcal.model import lenses
 from camcal.model.camera import Camera
-from camcal.routes import scene, scene_fit, scene_start, scene_vote, selfcalib, wand_start
+from camcal.routes import lines, scene, scene_fit, scene_start, scene_vote, selfcalib, wand_start
 from camcal.routes.line_geometry import Lines
+from tests.routes import test_lines
 from tests.sides import LESS, MORE
 
 SIZE = (1000, 800)
@@ -136,3 +137,15 @@ def test_minima_of_the_focal_length_that_are_not_distinguished(monkeypatch):
         monkeypatch.setattr(selfcalib.epipolar, "focal_costs", lambda *_, c=costs: c)
         pairs = [SimpleNamespace(matrix=np.eye(3))] * 2
         assert selfcalib._focal(pairs, (1, 1)) == chosen
+
+
+# ------------------------------------------------------------------------------------ lines
+@pytest.mark.parametrize("factor", [0.1, 10])
+def test_the_hold_on_what_lines_leave_undetermined(monkeypatch, factor):
+    """A flexible model takes half the steps that it takes with a tenth of the hold, or ten times it, or fewer."""
+    made = test_lines.lines_of(test_lines.BROWN, count=20, noise_px=0.1, points=15)
+    lens = lenses.make("polynomial:5")
+    start = Camera(lens, lens.pinhole(1280, 1280, 639.5, 479.5), test_lines.SIZE)
+    usual = lines.fit(made, start, {}).iterations
+    monkeypatch.setattr(lines, "PROXIMAL", factor * lines.PROXIMAL)
+    assert 2 * usual <= lines.fit(made, start, {}).iterations

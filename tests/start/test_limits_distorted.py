@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from camcal.errors import EstimationError
-from camcal.start import claus, dlt_distorted, five_points
+from camcal.start import claus, dlt_distorted, fitzgibbon, five_points, leave_one_out, mdlt, shape, zhang
 from tests.sides import LESS, MORE
 
 from . import scenes
@@ -88,3 +88,53 @@ def test_fits_to_the_points_that_agree(monkeypatch):
         medians[fits] = np.mean(ends)
     few, usual, more = medians.values()
     assert usual == pytest.approx(more, rel=0.05) and few > 1.5 * usual
+
+
+# ------------------------------------------------------------------------------------ further closed forms
+@pytest.mark.parametrize(("share", "predicted"), [(LESS, False), (MORE, True)])
+def test_points_that_a_fit_follows(share, predicted):
+    """One unknown that is nearly a coordinate of the first point alone: I - H is 1 and what is left of it."""
+    left = share * leave_one_out.FOLLOWED
+    jacobian = np.array([[np.sqrt(1 - left)], [0.0], [np.sqrt(left)], [0.0]])
+    assert np.isfinite(leave_one_out.rms_point(np.zeros(4), jacobian, np.ones(2))) == predicted
+
+
+def test_steps_of_the_modified_dlt_that_are_halved(monkeypatch):
+    """Nothing gets better: the last of ten lengths is 2⁻⁹ of a step."""
+    asked = []
+
+    def equations(n, *_):
+        asked.append(n)
+        return np.full(1, float(len(asked))), None
+
+    monkeypatch.setattr(mdlt, "_equations", equations)
+    monkeypatch.setattr(mdlt, "_condition", lambda _: (float(len(asked)), None))
+    m, step = np.eye(3, 4), np.ones((3, 4))
+    taken = mdlt._taken(m, step, None, None, None)
+    wanted = m + step * 0.5 ** (mdlt.HALVINGS - 1)
+    np.testing.assert_allclose(taken, wanted / np.linalg.norm(wanted), atol=1e-15)
+    assert len(asked) == mdlt.HALVINGS + 1
+
+
+@pytest.mark.parametrize(("views", "asked"), [(11, 11), (12, 12), (13, 7), (24, 12), (25, 9)])
+def test_views_from_which_candidates_are_taken(monkeypatch, views, asked):
+    """Spread over all of them, at most twelve."""
+    made = []
+    monkeypatch.setattr(fitzgibbon, "eig", lambda *_, **__: made.append(1) or np.zeros(0))
+    monkeypatch.setattr(fitzgibbon, "are_real", lambda values: values == values)
+    one = equations(0, count=8)
+    fitzgibbon._candidate([one] * views)
+    assert len(made) == asked <= fitzgibbon.CANDIDATE_VIEWS
+
+
+def test_rounding_of_the_points_of_a_homography(monkeypatch):
+    """The noise of exact points is that of the rounding of their largest coordinate, and no less."""
+    data = scenes.scene(scenes.board(), scenes.tilts(2)).observations
+    floor = (zhang.ROUNDING * np.abs(data.uv).max()) ** 2
+    form = shape.check(data)
+    sizes = []
+    for variance in (0.0, LESS * floor, MORE * floor, 4 * floor):
+        monkeypatch.setattr(zhang, "_variance", lambda *_, v=variance: v)
+        (planes,) = zhang._planes([(data, form)])
+        sizes.append(np.trace(planes.covariances[0]))
+    assert np.array(sizes) / sizes[0] == pytest.approx([1, 1, MORE, 4], rel=1e-9)

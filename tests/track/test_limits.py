@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from camcal.errors import EstimationError
+from camcal.errors import DataError, EstimationError
 from camcal.geometry import rotations
 from camcal.model import lenses
-from camcal.track import motion, physical_model, rig_changes, rig_matches, robust, window
+from camcal.track import checkpoint, motion, physical_model, rig_changes, rig_matches, robust, window
 from camcal.track.frames import Frame
 from camcal.track.physical_model import Physical, PhysicalModel
 from tests.sides import LESS, MORE, same_with_finer_and_not_with_coarser
@@ -150,3 +150,15 @@ def test_the_least_degrees_of_freedom_of_a_scatter(monkeypatch, rank, freedom):
     monkeypatch.setattr(rig_changes, "inverse", lambda _: (np.eye(1), rank))
     known = SimpleNamespace(normal=np.eye(1), right=np.zeros(1), cameras=())
     assert rig_changes.excess([], [known], np.eye(1))[1] == freedom
+
+
+def test_states_that_are_read(tmp_path, monkeypatch):
+    path = tmp_path / "state"
+    checkpoint.save(path, {"a": 1})
+    size = path.stat().st_size
+    assert checkpoint.LARGEST > 10 << 20  # that of some hundred parameters with their window
+    monkeypatch.setattr(checkpoint, "LARGEST", size)
+    checkpoint.load(path)
+    monkeypatch.setattr(checkpoint, "LARGEST", size - 1)
+    with pytest.raises(DataError, match=r"more than|larger|at most"):
+        checkpoint.load(path)
