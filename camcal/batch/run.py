@@ -190,9 +190,8 @@ def _rows(jobs: Iterable[Job], out: str, pool: Local | Cluster) -> Iterator[Row]
                 except pool.lost:
                     lost += group
                     continue
-                spent = [
-                    row["seconds"] for row in rows if row["status"] == DONE
-                ]  # those that fail may be quick
+                # those that fail may be quick
+                spent = [row["seconds"] for row in rows if row["status"] == DONE]
                 if spent:
                     pace[group[0].kind] = sum(spent) / len(spent)
                 yield from rows
