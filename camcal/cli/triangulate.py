@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -50,11 +51,18 @@ def _table(found: dict[str, Any]) -> Any:
     rows = [
         [
             p["point"],
-            *p["xyz"],
-            *(float(f"{x:.3g}") for x in (*p["sigma"], p["residual"])),
+            *(_to_sigma(x, s) for x, s in zip(p["xyz"], p["sigma"], strict=True)),
+            *(f"{x:.2g}" for x in (*p["sigma"], p["residual"])),
             ";".join(p["outliers"]) or "-",
         ]
         for p in found["points"]
     ]
     header = ["point", *"XYZ", "sigma_X", "sigma_Y", "sigma_Z", "residual", "outliers"]
     return table(header, rows, f"residuals in px, sigma of an image coordinate {found['sigma_hat']:.4g} px")
+
+
+def _to_sigma(value: float, sigma: float) -> str:
+    """A coordinate to the second digit of its standard deviation; the file has all digits."""
+    if not 0 < sigma < math.inf:
+        return f"{value:.6g}"
+    return f"{value:.{max(1 - math.floor(math.log10(sigma)), 0)}f}"

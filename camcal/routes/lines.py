@@ -48,6 +48,7 @@ HUBER = 1.345
 HEAVIER = 4.7
 #: largest number of updates of the denominators, and the change of the lens, in standard deviations, that ends them
 ROUNDS, SETTLED = 12, 1e-3
+SAME_WEIGHT = 0.01  #: change of the weights (0 to 1) that ends them, a hundredth of a point
 #: a direction of the parameters is undetermined if it moves the lines by less than this fraction of the direction that
 #: moves them most, each parameter in its own unit
 UNDETERMINED = 1e-7
@@ -172,12 +173,15 @@ def fit(lines: Lines, start: Camera, fix: Mapping[str, float | None], resistant:
         state, total = fitted.state, total + fitted.iterations
         if number == 0 and len(moving) < free.shape[1]:
             continue
+        before_weight = weight
         if resistant:
             weight = _weights(distances(Camera(lens, state.params), lines))
         sigma = np.sqrt(np.abs(np.diagonal(_covariance(fitted.normal.reduced(), free, len(lines.uv))[0])))
         moved = np.abs(state.params - before)
         scale = np.sqrt(2 * fitted.normal.cost / len(lines.uv)) * sigma
-        if (moved <= SETTLED * scale + ROUNDING * np.abs(before)).all():
+        # a start that is the optimum without weights does not move in the first round
+        settled = bool((moved <= SETTLED * scale + ROUNDING * np.abs(before)).all())
+        if settled and np.abs(weight - before_weight).max() <= SAME_WEIGHT:
             break
     assert fitted is not None
     return _finished(lines, start, free, weight, fitted, total, resistant)

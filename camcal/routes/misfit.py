@@ -15,10 +15,10 @@ LARGE = 0.05
 def misfit(residuals: Array, uv: Array, group: Array | None = None) -> float:
     """The rms of residuals (N, 2), px, relative to the rms distance of the images (N, 2) from the mean of their group.
 
-    `group` (N,) numbers the images' cameras; one camera by default.
+    `group` (N,) numbers the images' cameras; one camera by default. 0 if no group has two different images.
     """
     group = np.zeros(len(uv), int) if group is None else group
     count = np.maximum(np.bincount(group), 1)
     mean = np.stack([np.bincount(group, uv[:, i]) / count for i in range(2)], 1)
     spread = np.square(uv - mean[group]).sum(1).mean()
-    return float(np.sqrt(np.square(residuals).sum(1).mean() / max(spread, np.finfo(float).tiny)))
+    return float(np.sqrt(np.square(residuals).sum(1).mean() / spread)) if spread > 0 else 0.0

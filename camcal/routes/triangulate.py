@@ -174,7 +174,7 @@ def _right_way_round(cameras: Sequence[PlacedCamera], images: Images, count: int
         depth = camera.pose.apply(xyz[images.point[images.camera == index]])[:, 2]
         depth = depth[np.isfinite(depth)]
         pinhole = camera.camera.lens.name == "pinhole"
-        out.append(camera.mirrored() if pinhole and (depth < 0).mean() > 0.5 else camera)
+        out.append(camera.mirrored() if pinhole and 2 * (depth < 0).sum() > len(depth) else camera)
     return tuple(out)
 
 

@@ -25,6 +25,7 @@ from camcal.model.pose import Array
 from camcal.records import dataclass
 from camcal.routes import assumed_centre
 from camcal.routes.bundle_outliers import LEAST_FAR, ROUNDS, reach
+from camcal.routes.misfit import LARGE, misfit
 from camcal.routes.reconstruct import loose_scale
 from camcal.routes.selfcalib import UNCERTAIN
 from camcal.routes.wand_fit import Sightings, Wand, adjust
@@ -136,7 +137,7 @@ def estimate(
     DataError
         If no two cameras see enough markers together.
     EstimationError
-        If cameras cannot be placed, or the bar leaves a focal length undetermined.
+        If cameras cannot be placed, the bar leaves a focal length undetermined, or the tracks do not fit.
     """
     unknown = [not k and "fx" not in fix for k in known]
     found = links(seen, cameras, seed)
@@ -158,7 +159,9 @@ def estimate(
             "Move the bar through the volume for longer.",
         )
     fixes = [dict(fix) if not k else None for k in known]
-    return _with_centre(_calibrated(wand, begun, seen, fixes, names), seen, names)
+    calibrated = _calibrated(wand, begun, seen, fixes, names)
+    _require_fit(calibrated, seen)
+    return _with_centre(calibrated, seen, names)
 
 
 def _calibrated(
@@ -348,6 +351,18 @@ def _covariance(fitted: Fitted[Wand], seen: Sightings, names: Sequence[str]) -> 
             "Move the bar through the volume for longer.",
         )
     return np.asarray(bounded_inverse(reduced) * (2 * fitted.normal.cost / freedom))
+
+
+def _require_fit(found: WandCalibration, seen: Sightings) -> None:
+    part = seen.take(found.used)
+    share = misfit(found.wand.residuals(part), part.uv, part.camera)
+    if not share <= LARGE:
+        raise EstimationError(
+            f"the tracks are not those of a bar: residuals are {share:.0%} of the spread of the images; noise of their "
+            f"detection explains {LARGE:.0%} at most.",
+            "Check that a view is the same instant in all cameras, which camera is which, and the size of the pictures "
+            "that the known cameras belong to.",
+        )
 
 
 def _require_focal(found: WandCalibration, names: Sequence[str]) -> None:

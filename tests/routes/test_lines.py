@@ -335,3 +335,15 @@ def test_a_line_that_alone_determines_a_direction(share, counts):
     lines = Lines.of([np.zeros((3, 2)), np.zeros((3, 2))], ["a", "b"], SIZE)
     changes = between_lines.changes_without(lines, moves, np.zeros((6, 2)), np.full(6, 1.0))
     assert (changes[0] != 0).all() == counts
+
+
+def test_weights_act_from_the_optimum_without_them():
+    rng = np.random.default_rng(0)
+    lines = lines_of(DIVISION, 12, 0.1, points=30)
+    wrong = rng.random(len(lines.uv)) < 0.1
+    lines.uv[wrong] += rng.normal(0, 6, (int(wrong.sum()), 2))
+    held = {"fx": None, "fy": None, "cx": None, "cy": None}
+    plain = fit(lines, DIVISION, held)
+    found = [fit(lines, start, held, True).camera.params[-1] for start in (DIVISION, plain.camera)]
+    error = abs(plain.camera.params[-1] - DIVISION.params[-1])
+    assert np.abs(np.subtract(found, DIVISION.params[-1])).max() < error / 2 and np.ptp(found) < error / 50

@@ -261,3 +261,6 @@ def test_residuals_that_are_no_noise(share, warned):
     uv = np.array([[0.0, 0], [8, 0], [0, 6], [8, 6], [100, 100], [108, 100], [100, 106], [108, 106]])
     residuals = np.full((8, 2), 5 / np.sqrt(2) * share * misfit.LARGE)
     assert (misfit.misfit(residuals, uv, np.repeat([0, 1], 4)) > misfit.LARGE) == warned
+    assert (
+        misfit.misfit(residuals[:2], uv[:2], np.array([0, 1])) == 0
+    )  # an image of each camera has no spread

@@ -245,3 +245,15 @@ def test_a_principal_point_that_is_held_is_in_the_sigmas():
     by_centre = (other.cameras[1].params[0] - found.wand.cameras[1].params[0]) / assumed_centre.LINEAR
     assert by_centre and sigma > abs(by_centre)
     assert found.camera_covariance(1)[2, 2] == 0
+
+
+@pytest.mark.parametrize("late", [0, 3])
+def test_a_camera_that_is_late_is_refused(late):
+    seen = waved(40, places=(0.0, 0.6))
+    seen.instant[seen.camera == 1] += late
+    seen = seen.take(np.argsort(seen.instant, kind="stable"))
+    if not late:
+        assert estimate(seen, CAMERAS, [True] * 3, {}, NAMES).used.all()
+        return
+    with pytest.raises(EstimationError, match="the tracks are not those of a bar"):
+        estimate(seen, CAMERAS, [True] * 3, {}, NAMES)
