@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -20,7 +21,11 @@ from camcal.routes.lines import LineFit, fit, foreseen, nominal
 
 
 def fit_centred(
-    lines: Lines, start: Camera, fix: Mapping[str, float | None], resistant: bool = False
+    lines: Lines,
+    start: Camera,
+    fix: Mapping[str, float | None],
+    resistant: bool = False,
+    scatter: bool = False,
 ) -> LineFit:
     """As `lines.fit`, with undetermined coordinates of the centre in the middle of the picture (`assumed`).
 
@@ -28,14 +33,15 @@ def fit_centred(
     with it free, and confirmed by its standard deviations.
     """
     names = _centre(start, fix)
+    solve = partial(fit, resistant=resistant, scatter=scatter)
     if not names:
-        return fit(lines, start, fix, resistant)
-    found = fit(lines, start, {**fix, **dict.fromkeys(names)}, resistant)
+        return solve(lines, start, fix)
+    found = solve(lines, start, {**fix, **dict.fromkeys(names)})
     sigmas = foreseen(lines, found, fix)
     assumed = assumed_centre.undetermined(found.camera, sigmas, names)
     while len(assumed) < len(names):
         held = {**fix, **dict.fromkeys(assumed)}
-        found = fit(lines, _in_the_middle(found.camera, assumed, fix), held, resistant)
+        found = solve(lines, _in_the_middle(found.camera, assumed, fix), held)
         free = [n for n in names if n not in assumed]
         further = assumed_centre.undetermined(found.camera, np.sqrt(np.diagonal(found.covariance)), free)
         if not further:
@@ -43,7 +49,7 @@ def fit_centred(
         assumed += further
     middle = _in_the_middle(found.camera, names, fix)
     if (middle.params != found.camera.params).any() or found.free.shape[1] == 0:
-        found = fit(lines, middle, {**fix, **dict.fromkeys(names)}, resistant)
+        found = solve(lines, middle, {**fix, **dict.fromkeys(names)})
     return replace(found, assumed=assumed)
 
 

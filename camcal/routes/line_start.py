@@ -39,7 +39,8 @@ def estimate(
 ) -> LineFit:
     """The lens that makes the lines straightest, and with `robust` a selection of the candidates that are straight.
 
-    `resistant`: passed to `fit`, in which points that lie on no line lose weight.
+    `resistant`: passed to `fit`, in which points that lie on no line lose weight. The covariance of a selection
+    contains the scatter between lines.
 
     Raises
     ------
@@ -67,8 +68,8 @@ def estimate(
         used = again
         found = _of_model(lines, used, found.camera, lens, fix)
     kept, what = lines.take(used), held(lens, fix)
-    if resistant:
-        found = fit_centred(kept, found.camera, what, resistant)
+    if resistant or robust:
+        found = fit_centred(kept, found.camera, what, resistant, scatter=robust)
     return replace(with_doubt(kept, found, what, resistant), used=used)
 
 

@@ -135,11 +135,18 @@ def held(lens: Lens, fix: Mapping[str, float | None]) -> dict[str, float | None]
     return {**names, **dict.fromkeys(lens.default_fixed), **fix}
 
 
-def fit(lines: Lines, start: Camera, fix: Mapping[str, float | None], resistant: bool = False) -> LineFit:
+def fit(
+    lines: Lines,
+    start: Camera,
+    fix: Mapping[str, float | None],
+    resistant: bool = False,
+    scatter: bool = False,
+) -> LineFit:
     """The lens that makes the lines straightest in px, from a start.
 
     With `resistant`, points are weighted by Huber's loss from the second round on if the distances are not Gaussian,
-    because some points lie on no line.
+    because some points lie on no line. With `scatter`, for curves found by a program, the covariance contains the
+    scatter between lines.
 
     Raises
     ------
@@ -184,7 +191,7 @@ def fit(lines: Lines, start: Camera, fix: Mapping[str, float | None], resistant:
         if settled and np.abs(weight - before_weight).max() <= SAME_WEIGHT:
             break
     assert fitted is not None
-    return _finished(lines, start, free, weight, fitted, total, resistant)
+    return _finished(lines, start, free, weight, fitted, total, scatter)
 
 
 def _weights(off: Array) -> Array:
@@ -329,7 +336,7 @@ def _finished(
     weight: Array,
     fitted: Fitted[_State],
     total: int,
-    candidates: bool,
+    scatter: bool,
 ) -> LineFit:
     camera = replace(start, params=fitted.state.params)
     at = line_rays(camera, lines.uv)
@@ -343,7 +350,7 @@ def _finished(
     score, inside = weight * off, float((weight == 1).mean())
     variance = weight.mean() / inside**2 * (score @ score) / freedom * factor
     covariance = variance * basis @ basis.T
-    if candidates:
+    if scatter:
         covariance = with_scatter(lines, at, n, weight, basis, variance)
     names, loose = camera.lens.names, _loose(camera.lens, lost)
     for name in loose:

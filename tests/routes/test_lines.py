@@ -310,7 +310,7 @@ def test_the_scatter_between_curves_is_in_the_sigmas():
     for seed in range(20):
         lines = some_bent(seed)
         for candidates in off:
-            found = fit(lines, DIVISION, {"fx": None, "fy": None, "cx": None, "cy": None}, candidates)
+            found = fit(lines, DIVISION, {"fx": None, "fy": None, "cx": None, "cy": None}, scatter=candidates)
             off[candidates].append(
                 (found.camera.params[-1] - DIVISION.params[-1]) / found.covariance[-1, -1] ** 0.5
             )
@@ -323,7 +323,7 @@ def test_the_scatter_between_curves_is_in_the_sigmas():
 def test_curves_without_mistakes_are_as_certain_as_their_points_say():
     lines = lines_of(DIVISION, 40, 0.2, points=15)
     held = {"fx": None, "fy": None, "cx": None, "cy": None}
-    alone, scatter = (fit(lines, DIVISION, held, c).covariance[-1, -1] for c in (False, True))
+    alone, scatter = (fit(lines, DIVISION, held, scatter=c).covariance[-1, -1] for c in (False, True))
     assert 1 <= scatter / alone < 1.6  # a variance of 40 values is off by 22 %, Student's t adds 6 %
 
 
