@@ -177,35 +177,38 @@ def test_fields_that_a_projection_shows(projection, degrees):
         undistort._given_field(np.deg2rad(MORE * degrees), (100, 100), projection)
 
 
-def test_the_widest_field_without_black(monkeypatch):
-    """The search begins at it, and grows by half until nothing is black or the angle is a millionth of a rad."""
-    low = undistort._given_field(np.deg2rad(160 * 0.999), (100, 100), "perspective").params[0]
-    for enough, tried in ((LESS * low, 1), (MORE * low, 2), (1.49 * low, 2), (1.51 * low, 3)):
-        asked = []
+def without_black(monkeypatch, least):
+    """The focal lengths that are tried for a picture that is filled from a given one on, and what is found."""
+    asked = []
 
-        def sources(_, target, grid, a=asked, least=enough):
-            a.append(target.params[0])
-            return grid, np.array([target.params[0] >= least])
+    def sources(_, target, grid):
+        asked.append(target.params[0])
+        return grid, np.array([target.params[0] >= least])
 
-        monkeypatch.setattr(undistort, "_sources", sources)
-        monkeypatch.setattr(undistort, "bisected", lambda *a: a[2])
-        undistort._no_black(CAMERA, (100, 100), "perspective")
-        assert len(asked) == tried and asked[0] == pytest.approx(low)
-    monkeypatch.setattr(undistort, "_sources", lambda *_: (None, np.array([False])))
-    for longest, error in ((LESS, True), (MORE, False)):
-        last = low / longest * 1.5**2 / 100
-        monkeypatch.setattr(undistort, "LONGEST_FOCAL", last * 1.0)
-        asked = []
-        monkeypatch.setattr(
-            undistort,
-            "_sources",
-            lambda _, target, __, a=asked: (a.append(1), (None, np.array([len(a) > 2])))[1],
-        )
-        if error:
-            undistort._no_black(CAMERA, (100, 100), "perspective")
-        else:
-            with pytest.raises(EstimationError, match="no ray"):
-                undistort._no_black(CAMERA, (100, 100), "perspective")
+    monkeypatch.setattr(undistort, "_sources", sources)
+    monkeypatch.setattr(undistort, "bisected", lambda *a: a[2])
+    undistort._no_black(CAMERA, (100, 100), "perspective")
+    return asked
+
+
+def widest():
+    return undistort._given_field(np.deg2rad(160 * 0.999), (100, 100), "perspective").params[0]
+
+
+@pytest.mark.parametrize(("least", "tried"), [(LESS, 1), (MORE, 2), (1.49, 2), (1.51, 3)])
+def test_the_search_for_a_field_without_black(monkeypatch, least, tried):
+    """It begins just inside the widest field, and the focal length grows by half each time."""
+    asked = without_black(monkeypatch, least * widest())
+    assert len(asked) == tried and asked[0] == pytest.approx(widest())
+
+
+def test_the_longest_focal_length_without_black(monkeypatch):
+    """The last that is tried is below a million picture sizes."""
+    steps = np.floor(np.log(1e6 * 100 / widest()) / np.log(1.5))
+    last = widest() * 1.5**steps
+    assert without_black(monkeypatch, LESS * last)[-1] == pytest.approx(last)
+    with pytest.raises(EstimationError, match="no ray"):
+        without_black(monkeypatch, MORE * last)
 
 
 def test_a_focal_length_that_is_bisected():
