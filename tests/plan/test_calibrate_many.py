@@ -1,5 +1,6 @@
 """Many cameras at once: every result is that of `calibrate`, and an error stands in its place."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -123,6 +124,8 @@ def test_what_is_not_a_camera_is_an_error_in_place(cameras, other):
     found = camcal.calibrate_many([cameras[0], other], model="opencv5", **QUICK)
     assert isinstance(found[0], Solution) and isinstance(found[1], UsageError)
     assert f"not a {type(other).__name__}" in str(found[1])
+    named = re.findall(r"camcal\.(\w+)", found[1].hint)
+    assert named and set(named) <= set(camcal.__all__)
     with pytest.raises(UsageError, match="observations of a camera"):
         camcal.calibrate(other, model="opencv5", **QUICK)
 
