@@ -11,7 +11,7 @@ from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.peers.undistort_points import against_cv2
 from camcal.report.camera import camera_entry
-from camcal.report.routes import document, principal_point_assumed, warning
+from camcal.report.routes import document, outside_picture, principal_point_assumed, warning
 from camcal.routes import straightness
 from camcal.routes.line_geometry import Lines
 from camcal.routes.line_start import estimate
@@ -52,8 +52,9 @@ def report(
             "variance_inflation": fit.inflation,
         },
     }
+    said = [*outside_picture(kept.uv, kept.image_size), *_warnings(fit, kept)]
     checks = [against_cv2("lines", fit.camera, kept.uv)] if crosscheck else []
-    return document(command, entry, sections, checks, _warnings(fit, kept))
+    return document(command, entry, sections, checks, said)
 
 
 def evaluation(camera: Camera, paths: Sequence[Any], command: Sequence[str]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from camcal.assess.checks.coverage import outside
 from camcal.assess.warning import CalibrationWarning, Severity, grade_of, warning_entry
 from camcal.geometry import rotations
 from camcal.model.pose import Pose
@@ -64,6 +65,11 @@ def uncertain_distance(what: str, half: float, hint: str) -> dict[str, str]:
         f"{100 * LINEAR:.0f} % intervals of two standard deviations contain the true value too rarely.",
         hint,
     )
+
+
+def outside_picture(uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, str]]:
+    """The warning about image points (N, 2) outside the picture, if there are any."""
+    return [] if image_size is None else [warning_entry(w) for w in outside(uv, image_size)]
 
 
 def images_do_not_fit(what: str, share: float) -> dict[str, str]:

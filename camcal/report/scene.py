@@ -13,7 +13,7 @@ from camcal.errors import DataError
 from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.report.camera import camera_entry
-from camcal.report.routes import document, principal_point_assumed, warning
+from camcal.report.routes import document, outside_picture, principal_point_assumed, warning
 from camcal.routes.line_geometry import Lines
 from camcal.routes.read_lines import TABLES, read_gray, read_lines
 from camcal.routes.scene import at_infinity, estimate
@@ -45,7 +45,13 @@ def report(
     bent = None
     if model == "pinhole" and "fx" not in fix:
         bent = with_distortion(found, lines, fix, seed, picture)
-    return document(command, entry, sections, (), [*_warnings(found), *_bent(bent)])
+    return document(
+        command,
+        entry,
+        sections,
+        (),
+        [*outside_picture(lines.uv, lines.image_size), *_warnings(found), *_bent(bent)],
+    )
 
 
 def _bent(other: Scene | None) -> list[dict[str, str]]:

@@ -15,7 +15,14 @@ from camcal.model import lenses
 from camcal.model.pose import Pose
 from camcal.peers import two_views
 from camcal.report.camera import camera_entry
-from camcal.report.routes import bundle_entry, document, pose_entry, principal_point_assumed, warning
+from camcal.report.routes import (
+    bundle_entry,
+    document,
+    outside_picture,
+    pose_entry,
+    principal_point_assumed,
+    warning,
+)
 from camcal.routes.bundle import Tracks
 from camcal.routes.picture_tracks import of_pictures
 from camcal.routes.read_lines import TABLES
@@ -70,7 +77,8 @@ def report(
         },
     }
     checks = _checks(found, tracks) if crosscheck else []
-    return document(command, entry, sections, checks, _warnings(found, views, twice))
+    warnings = [*outside_picture(tracks.uv[found.used], image_size), *_warnings(found, views, twice)]
+    return document(command, entry, sections, checks, warnings)
 
 
 def _csv(tracks: Tracks, views: Sequence[str]) -> str:

@@ -18,7 +18,14 @@ from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.peers.triangulate_points import against_cv2
 from camcal.report.camera import camera_entry
-from camcal.report.routes import bundle_entry, document, pose_entry, principal_point_assumed, warning
+from camcal.report.routes import (
+    bundle_entry,
+    document,
+    outside_picture,
+    pose_entry,
+    principal_point_assumed,
+    warning,
+)
 from camcal.routes.placed import PlacedCamera
 from camcal.routes.triangulate import sorted_images, triangulate
 from camcal.routes.wand import WandCalibration, estimate
@@ -238,6 +245,8 @@ def _warnings(
     found: WandCalibration, seen: Sightings, views: Sequence[str], twice: int
 ) -> list[dict[str, str]]:
     made = []
+    for index, camera in enumerate(found.wand.cameras):
+        made += outside_picture(seen.uv[found.used & (seen.camera == index)], camera.image_size)
     if found.assumed:
         made.append(
             principal_point_assumed(

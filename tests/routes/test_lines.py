@@ -7,6 +7,7 @@ import math
 import cv2
 import numpy as np
 import pytest
+import yaml
 from click.testing import CliRunner
 
 from camcal.cli.group import camcal
@@ -347,3 +348,15 @@ def test_weights_act_from_the_optimum_without_them():
     found = [fit(lines, start, held, True).camera.params[-1] for start in (DIVISION, plain.camera)]
     error = abs(plain.camera.params[-1] - DIVISION.params[-1])
     assert np.abs(np.subtract(found, DIVISION.params[-1])).max() < error / 2 and np.ptp(found) < error / 50
+
+
+@pytest.mark.parametrize(("size", "warned"), [("1280x960", False), ("640x480", True)])
+def test_lines_outside_the_picture_are_named(tmp_path, size, warned):
+    lines, path, out = lines_of(DIVISION, 12, 0.1, points=12), tmp_path / "lines.csv", tmp_path / "lens.yaml"
+    with path.open("w", newline="") as handle:
+        rows = [[n, *uv] for n, uv in zip(lines.line.tolist(), lines.uv.tolist(), strict=True)]
+        csv.writer(handle).writerows([["line", "u", "v"], *rows])
+    given = ["lines", str(path), "-m", "division:1", "--image-size", size, "-o", str(out)]
+    assert CliRunner().invoke(camcal, given).exit_code == 0
+    codes = [w["code"] for w in yaml.safe_load(out.read_text())["warnings"]]
+    assert ("points-outside-image" in codes) == warned

@@ -257,3 +257,12 @@ def test_a_camera_that_is_late_is_refused(late):
         return
     with pytest.raises(EstimationError, match="the tracks are not those of a bar"):
         estimate(seen, CAMERAS, [True] * 3, {}, NAMES)
+
+
+@pytest.mark.parametrize(("size", "warned"), [("1280x1024", False), ("640x512", True)])
+def test_tracks_outside_the_picture_are_named(tmp_path, size, warned):
+    path, out = written(tmp_path, waved()), tmp_path / "rig.yaml"
+    given = ["wand", str(path), "--bar", "0.6", "--image-size", size, "-m", "opencv4", "-o", str(out)]
+    assert CliRunner().invoke(camcal, given).exit_code == 0
+    codes = [w["code"] for w in yaml.safe_load(out.read_text())["warnings"]]
+    assert ("points-outside-image" in codes) == warned

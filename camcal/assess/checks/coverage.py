@@ -11,6 +11,8 @@ from camcal.assess.warning import CalibrationWarning
 from camcal.geometry import hull
 from camcal.geometry.picture import in_picture
 
+Array = np.ndarray
+
 #: Share of the image inside the convex hull of all points below which distortion at its border is
 #: extrapolated over more than the covered part: at .12 the points reach less than half the way to the
 #: corners.
@@ -48,12 +50,15 @@ def poor(facts: Facts) -> Iterator[CalibrationWarning]:
 
 def outside_image(facts: Facts) -> Iterator[CalibrationWarning]:
     """Points outside the picture: a wrong image size, or u and v exchanged."""
-    if facts.image_size is None:
-        return
-    uv = facts.image_points
-    out = int((~in_picture(uv, facts.image_size, -MARGIN_PX)).sum())
+    if facts.image_size is not None:
+        yield from outside(facts.image_points, facts.image_size)
+
+
+def outside(uv: Array, image_size: tuple[int, int]) -> Iterator[CalibrationWarning]:
+    """The warning about image points (N, 2) outside the picture."""
+    out = int((~in_picture(uv, image_size, -MARGIN_PX)).sum())
     if out:
-        width, height = facts.image_size
+        width, height = image_size
         u, v = uv.max(0)
         yield CalibrationWarning(
             "points-outside-image",
