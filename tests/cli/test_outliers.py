@@ -70,7 +70,7 @@ LIES = {
     "uniform noise": (
         lambda: boards(lambda rng, shape: rng.uniform(-0.35, 0.35, shape)),
         "light-tailed-residuals",
-        "uniform 1.4",
+        "uniform noise 1.4",
     ),
     "heavy-tailed noise": (
         lambda: boards(lambda rng, shape: 0.1 * rng.standard_t(3, shape)),

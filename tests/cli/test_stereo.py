@@ -135,7 +135,7 @@ def test_natural_finds_a_camera_that_was_knocked(camcal, rig):
     turn = found["natural"]["turn"]  # the file is off by the opposite of what the camera has turned
     assert turn["camera"] == "right" and turn["median_after"] < 0.05
     assert np.subtract(turn["rotation_vector_deg"], [-0.05, 0, 0]) == pytest.approx(0, abs=0.01)
-    assert "A turn of right by 0.0" in found["warnings"][0]["hint"]
+    assert "Rotating right by 0.0" in found["warnings"][0]["hint"]
     assert camcal("evaluate", "knocked.yml", *words, "--max-rms", "0.4")[0] == 0
     assert camcal("evaluate", "knocked.yml", *words, "--fail-on", "doubtful")[0] == 1
     assert camcal("evaluate", rig, *words, "--fail-on", "doubtful")[0] == 0
