@@ -179,6 +179,6 @@ def _positive_definite(matrix: Array, right: Array) -> tuple[Array, Array] | Non
         return None if failed else (solution, np.diag(factor))
     try:
         factor = np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
+        return np.linalg.solve(matrix, right), factor.diagonal()
+    except np.linalg.LinAlgError:  # of either: rounding may leave pivots to the one and not to the other
         return None
-    return np.linalg.solve(matrix, right), factor.diagonal()

@@ -293,10 +293,20 @@ def _solved_scaled(matrix: Array, right: Array) -> tuple[Array, Array]:
     bad = ~np.isfinite(scaled).all((1, 2))
     scaled[bad] = np.eye(matrix.shape[1])
     factors = _factors(scaled)
-    solved = np.linalg.solve(scaled, (right * scale)[..., None])[..., 0]
+    solved = _solutions(scaled, (right * scale)[..., None])[..., 0]
     pivots = (np.einsum("mii->mi", factors) / scale) ** 2
     solved[bad], pivots[bad] = np.nan, np.nan
     return scale * solved, pivots
+
+
+def _solutions(matrices: Array, right: Array) -> Array:
+    """Solutions (M, F, 1); NaN for singular matrices."""
+    try:
+        return np.linalg.solve(matrices, right)
+    except np.linalg.LinAlgError:
+        if len(matrices) == 1:
+            return np.full_like(right, np.nan)
+        return np.concatenate([_solutions(m[None], r[None]) for m, r in zip(matrices, right, strict=True)])
 
 
 def _factors(matrices: Array) -> Array:

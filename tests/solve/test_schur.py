@@ -145,3 +145,22 @@ def test_no_camera_parameters():
     problem, state = problem_of(fix=dict.fromkeys(["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"]))
     step, predicted = Reduced(problem.linearise(state)).step()
     assert step.intrinsics.shape == (0,) and predicted > 0
+
+
+def nearly_singular():
+    """A matrix (4, 4) of rank 3 but for its rounding: Cholesky's factorisation finds pivots, Gauss's elimination 0."""
+    rows = np.array([[-2.0, 2.0, 1.0], [-1.0, -3.0, 1.0], [-1.0, 3.0, -1.0], [1.0, -2.0, 0.0]])
+    matrix = rows @ rows.T
+    scale = 1 / np.sqrt(np.diag(matrix))
+    return matrix * scale * scale[:, None]
+
+
+def test_a_matrix_that_is_singular_but_for_rounding_gives_no_step(monkeypatch):
+    found = solve_scaled(nearly_singular(), np.ones(4), scaled=False)
+    assert found is None or np.isfinite(found[0]).all()  # as the linear algebra rounds, but no error
+
+    def singular(*_):
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(np.linalg, "solve", singular)  # after a factorisation that succeeds
+    assert solve_scaled(np.eye(4), np.ones(4)) is None

@@ -14,6 +14,7 @@ from camcal.solve.schur import Reduced
 from camcal.solve.stack import Stack, alike, stackable
 from camcal.solve.together import Task, refine_all
 from tests import solved
+from tests.solve.test_schur import nearly_singular
 
 MODELS = ("pinhole", "opencv5", "opencv12", "kb4", "brown:radial=2,decentering=1", "division")
 
@@ -156,6 +157,8 @@ def test_a_system_that_is_not_positive_definite_fails_alone():
         found[[0, 3]], np.linalg.solve(good, np.ones(2))[None].repeat(2, 0), rtol=1e-14
     )
     assert np.isfinite(pivots[[0, 3]]).all() and np.isnan(pivots[1:3]).all()
+    found, _ = stack._solved_scaled(np.stack([np.eye(4), nearly_singular(), np.eye(4)]), np.ones((3, 4)))
+    np.testing.assert_array_equal(found[[0, 2]], np.ones((2, 4)))
 
 
 def test_what_can_be_a_member():
