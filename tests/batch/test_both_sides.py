@@ -37,7 +37,7 @@ def test_the_longest_name():
 @pytest.mark.parametrize(
     ("seconds", "waiting", "taken"),
     [
-        (0.0, 1000, 1),  # nothing is known yet
+        (None, 1000, 1),  # nothing is known yet
         (1.01 * run.GROUP, 1000, 1),
         (0.99 * run.GROUP / 2, 1000, 2),
         (0.99 * run.GROUP / run.MOST_IN_GROUP, 10_000, run.MOST_IN_GROUP),
@@ -47,7 +47,9 @@ def test_the_longest_name():
     ],
 )
 def test_jobs_handed_out_together(seconds, waiting, taken):
-    assert len(run._group(deque(range(waiting)), seconds, 3)) == taken
+    pace = {} if seconds is None else {"points": seconds}
+    jobs = deque(SimpleNamespace(kind="points") for _ in range(waiting))
+    assert len(run._group(jobs, pace, 3)) == taken
 
 
 def test_rows_are_noted_after_so_many_and_so_long(tmp_path, monkeypatch):
