@@ -162,21 +162,10 @@ def tool(*words: object) -> list[str]:
 
 def pictures(runs: int, folder: Path, counts: list[int]) -> Iterator[Row]:
     """The command on folders of pictures, without and with the cache."""
-    for count, size, kind, limit in (p for p in PICTURES if p[0] in counts):
-        place, out = folder / f"{count}-{size[0]}", folder / "report.yaml"
-        width = f"{size[0]}x{size[1]}"
-        if not place.exists():
-            rendered(place, count, size, kind)
-        script = [sys.executable, "-c", SCRIPT, str(place)]
+    for count, width, place, script in folders(folder, counts):
+        out = folder / "report.yaml"
         run = tool("checkerboard", place, "-o", out, "--force", "-q", "--jobs", 1)
-        for name, command, most in (
-            ("cold", [*run, "--no-cache"], limit),
-            ("cached", run, 2.0 if count == 13 else ""),
-        ):
-            seconds(command)  # compiles the modules, and fills the cache
-            ours, theirs, ratio = in_turn(lambda c=command: seconds(c), lambda s=script: seconds(s), runs)
-            what = f"checkerboard, {count} pictures {width}, {name}"
-            yield what, f"{ours:.2f} s", f"{theirs:.2f} s", f"{ratio:.2f}", most
+        yield from both_ways(runs, count, f"checkerboard, {count} pictures {width}", run, script, seconds)
         if count == 13:
             yield from steps(runs, place, out)
         peaks = [spent(command)[1] for command in ([*run, "--no-cache"], script)]
@@ -194,21 +183,39 @@ def clock(runs: int, folder: Path, counts: list[int]) -> Iterator[Row]:
         spent(command)
         return time.perf_counter() - begin
 
-    for count, size, kind, limit in (p for p in PICTURES if p[0] in counts):
-        place, out = folder / f"{count}-{size[0]}", folder / "report.yaml"
+    for count, width, place, script in folders(folder, counts):
+        run = tool("checkerboard", place, "-o", folder / "report.yaml", "--force", "-q")
+        what = f"by the clock: checkerboard, {count} pictures {width}"
+        yield from both_ways(runs, count, what, run, script, passed)
+    os.environ.update(alone)
+
+
+def folders(folder: Path, counts: list[int]) -> Iterator[tuple[int, str, Path, list[str]]]:
+    """How many pictures, their size, the folder with them, which is made where it is missing, and the script on it."""
+    for count, size, kind, _ in (p for p in PICTURES if p[0] in counts):
+        place = folder / f"{count}-{size[0]}"
         if not place.exists():
             rendered(place, count, size, kind)
-        script = [sys.executable, "-c", SCRIPT, str(place)]
-        run = tool("checkerboard", place, "-o", out, "--force", "-q")
-        for name, command, most in (
-            ("cold", [*run, "--no-cache"], limit),
-            ("cached", run, 2.0 if count == 13 else ""),
-        ):
-            passed(command)
-            ours, theirs, ratio = in_turn(lambda c=command: passed(c), lambda s=script: passed(s), runs)
-            what = f"by the clock: checkerboard, {count} pictures {size[0]}x{size[1]}, {name}"
-            yield what, f"{ours:.2f} s", f"{theirs:.2f} s", f"{ratio:.2f}", most
-    os.environ.update(alone)
+        yield count, f"{size[0]}x{size[1]}", place, [sys.executable, "-c", SCRIPT, str(place)]
+
+
+def both_ways(
+    runs: int,
+    count: int,
+    what: str,
+    run: list[str],
+    script: list[str],
+    measured: Callable[[list[str]], float],
+) -> Iterator[Row]:
+    """The command without the cache and with it, beside the script; `measured` gives the time of a command, s."""
+    limit = next(p[3] for p in PICTURES if p[0] == count)
+    for name, command, most in (
+        ("cold", [*run, "--no-cache"], limit),
+        ("cached", run, 2.0 if count == 13 else ""),
+    ):
+        measured(command)  # compiles the modules, and fills the cache
+        ours, theirs, ratio = in_turn(lambda c=command: measured(c), lambda: measured(script), runs)
+        yield f"{what}, {name}", f"{ours:.2f} s", f"{theirs:.2f} s", f"{ratio:.2f}", most
 
 
 def rendered(place: Path, count: int, size: tuple[int, int], kind: str) -> None:

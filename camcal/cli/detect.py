@@ -28,7 +28,7 @@ def command(images: tuple[str, ...], output: Path, force: bool, **options: Any) 
 
     refuse_tables(images)
     check_writable(output, force)
-    found = read_pictures(images, options)
+    found = read_pictures(images, options, calibrated=False)
     save_detections(found, output, force)
     if found.image_size is not None:
         note("To calibrate: camcal estimate {} --image-size {}x{}".format(output, *found.image_size))

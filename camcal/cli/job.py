@@ -111,16 +111,21 @@ def in_order(paths: tuple[Any, ...], options: Mapping[str, Any], ctx: click.Cont
 
 
 def read_pictures(
-    paths: tuple[str, ...], options: dict[str, Any], on_picture: OnPicture | None = None
+    paths: tuple[str, ...],
+    options: dict[str, Any],
+    on_picture: OnPicture | None = None,
+    calibrated: bool = True,
 ) -> Correspondences:
     """Find the board in pictures; `options` holds the values of `board_options`.
 
-    `on_picture` is called with the details of each picture: id, status, reason, ...
+    `on_picture` is called with the details of each picture: id, status, reason, ... `calibrated` says whether a
+    calibration follows.
     """
     from camcal.detect.images import detect_images
 
     with progress("reading pictures") as show:
-        return detect_images(paths, **search_options(options), on_event=detection_events(show, on_picture))
+        listen = detection_events(show, on_picture, calibrated)
+        return detect_images(paths, **search_options(options), on_event=listen)
 
 
 def search_options(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -131,8 +136,8 @@ def search_options(options: Mapping[str, Any]) -> dict[str, Any]:
     return search
 
 
-def _import_next() -> None:
-    """Import what a calibration and its report need, in the time in which other processes search pictures."""
+def _import_calibration() -> None:
+    """Import what a calibration and its report need."""
     import camcal.peers.run
     import camcal.plan.calibrate
     import camcal.plan.second_pass
@@ -141,15 +146,18 @@ def _import_next() -> None:
 
 
 def detection_events(
-    show: Callable[[int, int], None], on_picture: OnPicture | None = None
+    show: Callable[[int, int], None], on_picture: OnPicture | None = None, calibrated: bool = True
 ) -> Callable[[str, Mapping[str, Any]], None]:
-    """Progress messages of the search in pictures; `show` is called with (done, count)."""
+    """Progress messages of the search in pictures; `show` is called with (done, count).
+
+    With `calibrated`, the modules of a calibration are imported while other processes search.
+    """
 
     def show_event(event: str, details: Mapping[str, Any]) -> None:
         if event in ("searched", "film"):
             show(details["done"], details["count"])
-        elif event == "waiting":
-            _import_next()
+        elif event == "waiting" and calibrated:
+            _import_calibration()
         elif event == "picture":
             if on_picture is not None:
                 on_picture(details)

@@ -197,7 +197,9 @@ def _from_pictures(paths: tuple[str, ...], options: dict[str, Any]) -> Iterator[
 
     # of a film every frame counts: none is left out for showing what another shows
     every = options["every"] or 1
-    return from_pictures(read_pictures(paths, {**options, "keep_frames": None, "every": every}))
+    return from_pictures(
+        read_pictures(paths, {**options, "keep_frames": None, "every": every}, calibrated=False)
+    )
 
 
 def _format(options: dict[str, Any]) -> str:

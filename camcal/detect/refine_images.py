@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -106,25 +107,38 @@ def _how(found: Observations, view: View, cell: float, windows: Sequence[float])
 def _refined(task: _Task) -> list[Measured] | str:
     """The corners of a view fitted again, once for each window, from the cache if they are there; or why not."""
     place = _place(task)
-    cell, blur, _, halves = task.how
-    known = None if place is None else _from_cache(place, task.view, len(halves))
+    known = None if place is None else _from_cache(place, task.view, len(task.how[-1]))
     if known is not None:
         return known
-    board_from_pixel = partial(on_board, task.camera, task.pose)
-    # a part may have been kept while the picture was searched as it is: none is used of a negative
-    part = None if task.file is None or task.how[2] else KEPT_PARTS.get(task.file["sha256"])
     try:
-        try:
-            picture: Picture = _read_again(task) if part is None else part
-            views = refine_in_windows(picture, task.view, board_from_pixel, cell, halves, blur)
-        except OutsideError:
-            views = refine_in_windows(_read_again(task), task.view, board_from_pixel, cell, halves, blur)
+        new = [(v.uv, v.sigma) for v in _fitted(task)]
     except UnreadableError as error:
         return str(error)
-    new = [(v.uv, v.sigma) for v in views]
     if place is not None:
         _into_cache(place, new)
     return new
+
+
+def _fitted(task: _Task) -> list[View]:
+    """The view with its corners fitted again, once for each window: in the part that was kept, where that suffices.
+
+    Raises
+    ------
+    UnreadableError
+        See `_read_again`.
+    """
+    cell, blur, negative, halves = task.how
+
+    def fitted(picture: Picture) -> list[View]:
+        board_from_pixel = partial(on_board, task.camera, task.pose)
+        return refine_in_windows(picture, task.view, board_from_pixel, cell, halves, blur)
+
+    # a part may have been kept while the picture was searched as it is: none is used of a negative
+    part = None if task.file is None or negative else KEPT_PARTS.get(task.file["sha256"])
+    if part is not None:
+        with suppress(OutsideError):
+            return fitted(part)
+    return fitted(_read_again(task))
 
 
 def _crashed(task: _Task) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from camcal.data.observations import Observations
 from camcal.geometry import rotations
+from camcal.least_squares.blocks import unit_eigen
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
 from camcal.routes import assumed_centre
@@ -42,11 +43,10 @@ def _sigmas(camera: Camera, poses: Poses, observations: Observations, free: Arra
     jacobian = np.concatenate([d_params @ free, -d_xyz @ rotations.skew(turned), d_xyz], 2)[valid]
     residual = (projected - observations.uv)[valid]
     normal = np.einsum("nij,nik->jk", jacobian, jacobian)
-    scale = np.sqrt(np.maximum(np.diagonal(normal), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    values, vectors, units = unit_eigen(normal)
     if not values[0] > ROUNDING * values[-1]:
         return np.full(len(free), np.nan)
-    inverse = (vectors / values) @ vectors.T / np.outer(scale, scale)
+    inverse = (vectors / values) @ vectors.T / units
     count = free.shape[1]
     freedom = max(residual.size - len(normal), 1)
     variance = float(np.square(residual).sum()) / freedom

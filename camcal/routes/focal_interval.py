@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import t as student
 
+from camcal.least_squares.distributions import t_bound
 from camcal.model.pose import Array
 from camcal.routes.bundle import Bundle, Tracks, adjust, freedom
 
@@ -36,7 +36,7 @@ def focal_interval(bundle: Bundle, tracks: Tracks, free: Array, sigma: float) ->
         Its standard deviation, px.
     """
     f, left = float(bundle.camera.params[0]), freedom(tracks, free)
-    t = float(student.ppf((1 + LEVEL) / 2, left))
+    t = t_bound((1 - LEVEL) / 2, left)
     if sigma <= NEARLY_SYMMETRIC * f:
         return f - t * sigma, f + t * sigma
     held = free[:, free[0] == 0]

@@ -292,29 +292,19 @@ def _solved_scaled(matrix: Array, right: Array) -> tuple[Array, Array]:
     scaled = matrix * scale[:, None] * scale[..., None]
     bad = ~np.isfinite(scaled).all((1, 2))
     scaled[bad] = np.eye(matrix.shape[1])
-    factors = _factors(scaled)
-    solved = _solutions(scaled, (right * scale)[..., None])[..., 0]
+    factors, solved = _factored(scaled, (right * scale)[..., None])
     pivots = (np.einsum("mii->mi", factors) / scale) ** 2
     solved[bad], pivots[bad] = np.nan, np.nan
-    return scale * solved, pivots
+    return scale * solved[..., 0], pivots
 
 
-def _solutions(matrices: Array, right: Array) -> Array:
-    """Solutions (M, F, 1); NaN for singular matrices."""
+def _factored(matrices: Array, right: Array) -> tuple[Array, Array]:
+    """Cholesky factors (M, F, F), and solutions (M, F, 1); NaN for matrices that are not positive definite."""
     try:
-        return np.linalg.solve(matrices, right)
+        return np.linalg.cholesky(matrices), np.linalg.solve(matrices, right)
     except np.linalg.LinAlgError:
         if len(matrices) == 1:
-            return np.full_like(right, np.nan)
-        return np.concatenate([_solutions(m[None], r[None]) for m, r in zip(matrices, right, strict=True)])
-
-
-def _factors(matrices: Array) -> Array:
-    """Cholesky factors; NaN for matrices that are not positive definite, which are replaced by the identity."""
-    try:
-        return np.linalg.cholesky(matrices)
-    except np.linalg.LinAlgError:
-        if len(matrices) == 1:
-            matrices[:] = np.eye(matrices.shape[1])
-            return np.full_like(matrices, np.nan)
-        return np.concatenate([_factors(matrices[i : i + 1]) for i in range(len(matrices))])
+            return np.full_like(matrices, np.nan), np.full_like(right, np.nan)
+        each = [_factored(m[None], r[None]) for m, r in zip(matrices, right, strict=True)]
+        factors, solved = zip(*each, strict=True)
+        return np.concatenate(factors), np.concatenate(solved)

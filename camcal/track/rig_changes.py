@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtri, fdtrc
 
 from camcal.geometry import rotations as so3
 from camcal.model.pose import Pose
@@ -57,7 +57,7 @@ class Test:
     @property
     def probability(self) -> float:
         """Of so large a figure without a change."""
-        return float(stats.f.sf(self.chi2 / self.rank, self.rank, self.freedom)) if self.rank else 1.0
+        return float(fdtrc(self.rank, self.freedom, self.chi2 / self.rank)) if self.rank else 1.0
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,7 @@ class RigFollower:
             return False
         k = max(common, key=lambda c: self.test([a, b], c).chi2)
         chi2, rank = disagreement(a, b, k, self.calibration)
-        return chi2 / self.factor < stats.chi2.isf(SAME, rank)
+        return chi2 / self.factor < chdtri(rank, SAME)
 
     def _add(self, instants: list[Instant]) -> Knock | None:
         self.kept += instants
@@ -298,7 +298,7 @@ def excess(instants: Sequence[Instant], known: Sequence[Instant], calibration: A
     with its covariance (the mean); the larger counts, 1 at least.
     """
     pairs = [
-        chi2 / stats.chi2.median(rank)
+        chi2 / chdtri(rank, 0.5)
         for a, b in pairwise(instants)
         for k in a.cameras
         if k in b.cameras

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
 
+from camcal.least_squares.distributions import chi2_quantile
 from camcal.model.pose import Array
 from camcal.routes.hand_eye import equation, shah
 from camcal.routes.hand_eye.views import Views, from_rotations
@@ -37,5 +37,5 @@ def agreeing(views: Views, setup: str, seed: int = 0) -> Array:
     scores = np.log(np.median(sizes, axis=2) + np.finfo(float).tiny).sum(0)
     best = sizes[:, np.argmin(np.where(np.isfinite(scores), scores, np.inf))]
     # the norm of three standard normal variables has the median 1.54
-    unit = np.median(best, axis=1, keepdims=True) / np.sqrt(stats.chi2.median(3))
+    unit = np.median(best, axis=1, keepdims=True) / np.sqrt(chi2_quantile(0.5, 3))
     return np.asarray((best <= FAR * np.maximum(unit, ROUNDING)).all(0))
