@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from camcal.data.observations import Correspondences
-from camcal.geometry import dlt, projective
+from camcal.geometry import dlt, projective, rotations
 from camcal.geometry.numbers import distinct
 from camcal.solve.calibration import Calibration, Stage
 from camcal.solve.condition import condition
 from camcal.solve.problem import Problem
 from camcal.solve.refine import POINTS_AT_A_TIME
+from camcal.solve.square_root import SquareRoot
 from camcal.start import assumptions, central, conic
 
 Array = np.ndarray
@@ -64,14 +65,16 @@ def refinement(solution: Calibration, normalise: bool = True) -> dict[str, Any]:
     free = solution.free[:, solution.free.any(0)]
     if not free.size:  # a known camera: poses only
         return _pair(float("nan"), float("nan"), normalise)
-    both = []
-    for normalised in (False, True):
-        problem = Problem(camera.lens, views, free, normalise=normalised)
-        state = problem.state(camera.params, solution.poses)
-        if problem.linearise(state) is None:
-            return _pair(float("nan"), float("nan"), normalise)
-        both.append(condition(problem, state, normalised))
-    return _pair(both[0], both[1], normalise)
+    problem = Problem(camera.lens, views, free)
+    state = problem.state(camera.params, solution.poses)
+    if problem.linearise(state) is None:
+        return _pair(float("nan"), float("nan"), normalise)
+    root = SquareRoot.of(problem, state)
+    # x = exp(ω) R (X - o) + R o + t + τ about the centroid o, exp(ω) R X + t + τ' about the origin: τ = τ' + ω x R o
+    about_origin = np.tile(np.eye(6), (len(state.rotations), 1, 1))
+    about_origin[:, 3:, :3] = -rotations.skew((state.rotations @ problem.offsets[..., None])[..., 0])
+    before = condition(root.with_poses(about_origin), scaled=False)
+    return _pair(before, condition(root), normalise)
 
 
 def _central(data: Correspondences, normalise: bool) -> dict[str, float]:

@@ -15,7 +15,7 @@ within a view. Where a board's shape was estimated, it counts as known here.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -132,6 +132,38 @@ class Design:
                     own[-1].T.copy(),
                     np.ones(count) if group.weights is None else group.weights[place, 0, 0, :count],
                 )
+
+    def along(self, fields: Sequence[Array]) -> tuple[Array, Array]:
+        """Products of the rows with a displacement of the points of each view.
+
+        Parameters
+        ----------
+        fields : sequence of V (N, 2) arrays
+            px, without weights.
+
+        Returns
+        -------
+        products : (V, F + 7) array
+            Jᵀ o and rᵀ o, in the order of `products`, of the weighted displacements o.
+        squares : (V,) array
+            oᵀ o.
+        """
+        p, f = self.problem.lens.size, self.transform.shape[1]
+        found, squares = np.empty((len(self.views), f + 7)), np.empty(len(self.views))
+        for group in self.problem.groups:
+            block = self.problem.fill(group, self.state)
+            if block is None:
+                raise ValueError("a used point lies outside the lens's domain")
+            off = np.zeros(group.uv.shape)
+            for row, member in zip(off, group.members, strict=True):
+                row[:, : len(fields[member])] = fields[member].T
+            if group.weights is not None:
+                off *= group.weights[:, 0]
+            off = off.reshape(len(off), -1)
+            by_row = (block.reshape(*block.shape[:2], -1) @ off[..., None])[..., 0]
+            found[group.members] = np.c_[by_row[:, :p] @ self.transform, by_row[:, p:]]
+            squares[group.members] = np.square(off).sum(1)
+        return found, squares
 
     def of_camera(self, rows: Rows) -> Array:
         """F_v - P_v B_v (N, 2, F): the effect of the camera once the pose has followed."""

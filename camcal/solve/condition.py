@@ -11,7 +11,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from camcal.solve.problem import Problem, State
 from camcal.solve.square_root import SquareRoot
 
 Array = np.ndarray
@@ -24,19 +23,17 @@ _STEPS = 100
 _BETWEEN = 4
 
 
-def condition(problem: Problem, state: State, scaled: bool = True) -> float:
+def condition(root: SquareRoot, scaled: bool = True) -> float:
     """The ratio of the largest singular value of J to the smallest; inf if J is singular.
 
     Parameters
     ----------
-    problem : Problem
-        Its `normalise` decides the point about which poses rotate.
-    state : State
-        A state at which all points project.
+    root : SquareRoot
+        The factors of J.
     scaled : bool
         Scale the columns of J to unit length, as for steps.
     """
-    factors = _Factors(SquareRoot.of(problem, state))
+    factors = _Factors(root)
     lengths = factors.lengths()
     if not (lengths > 0).all() or not factors.regular:
         return float("inf")

@@ -92,6 +92,19 @@ class SquareRoot:
         slope = tangent.gradient(blocks) @ vector
         return step, float(0.5 * (damping * (weights * vector**2).sum() - slope))
 
+    def with_poses(self, maps: Array) -> SquareRoot:
+        """The factors for other coordinates of the poses.
+
+        Parameters
+        ----------
+        maps : (V, 6, 6) array
+            d pose / d (its other coordinates), of each instant.
+        """
+        own = np.concatenate([self.views[:, :6, :6] @ maps, self.views[:, :6, 6:]], 2)
+        views = self.views.copy()
+        views[:, :6] = triangles(own)[:, :6]
+        return SquareRoot(views, self.prior)
+
     def reduced(self) -> Array:
         """R of (2), (F, F): the square root of the Schur complement."""
         free = self.views.shape[1] - 7

@@ -40,6 +40,10 @@ def test_the_refinement_s_is_that_of_its_jacobian():
     singular = np.linalg.svd(j / np.sqrt((j**2).sum(0)), compute_uv=False)
     # Lanczos is stopped at 1e-3 of the squares
     assert found["after"] == pytest.approx(singular[0] / singular[-1], rel=5e-3)
+    plain = Problem(solution.camera.lens, solution.observations.views, solution.free, normalise=False)
+    about_origin = rows.jacobian(plain, plain.state(solution.camera.params, solution.poses))
+    singular = np.linalg.svd(about_origin, compute_uv=False)
+    assert found["before"] == pytest.approx(singular[0] / singular[-1], rel=5e-3)
     assert found["before"] > found["after"]
 
 

@@ -25,6 +25,7 @@ from camcal.model.lenses import direct
 from camcal.model.lenses.regress import regress
 from camcal.routes import dual_quadric, epipolar, lifted, scene_vote
 from camcal.solve import condition, noise, outliers, ransac
+from camcal.solve.square_root import SquareRoot
 from camcal.start import absolute_pose, claus, dlt_distorted, fitzgibbon, mdlt
 from tests.routes.test_selfcalib import bent_tracks, walk
 from tests.solve.problems import problem_of
@@ -143,7 +144,7 @@ def scale_of_view():
 
 def condition_number():
     problem, state = problem_of("opencv5")
-    return np.array([np.log(condition.condition(problem, state))])
+    return np.array([np.log(condition.condition(SquareRoot.of(problem, state)))])
 
 
 def line_through_points():

@@ -67,19 +67,18 @@ def circles(solution: Calibration, design: Design | None = None) -> Circles | No
     spacing = _spacing(design.views[0].xyz)
     if not spacing > 0:
         return None
-    square, along, pull = 0.0, 0.0, np.zeros(len(design.inverse))
     offsets = list(
         _centroid_offsets(camera, solution.poses, [v.xyz for v in design.views], data.shapes.axes, spacing)
     )
-    for rows in design.rows():
-        off = offsets[rows.view] * rows.roots[:, None]
-        if not np.isfinite(off).all():
-            return None
-        by_pose = np.einsum("ncp,nc->p", rows.pose, off)
-        square += float((off**2).sum() - by_pose @ design.poses.inverse[rows.view] @ by_pose)
-        along += float((off * rows.residuals).sum())
-        pull += np.einsum("ncf,nc->f", design.of_camera(rows), off)
-    square -= float(pull @ design.inverse @ pull)
+    if not all(np.isfinite(off).all() for off in offsets):
+        return None
+    products, squares = design.along(offsets)
+    f = design.transform.shape[1]
+    by_pose = products[:, f : f + 6]
+    followed = np.einsum("vij,vj->vi", design.poses.inverse, by_pose)  # what the poses take of the displacements
+    pull = (products[:, :f] - np.einsum("vif,vi->vf", design.poses.gain, by_pose)).sum(0)
+    along = float(products[:, -1].sum())
+    square = float(squares.sum() - (by_pose * followed).sum() - pull @ design.inverse @ pull)
     if not square > 0 or not design.sigma_0 > 0:
         return None
     r2 = -along / square
