@@ -60,12 +60,11 @@ def _pair(before: float, after: float, normalise: bool) -> dict[str, float]:
 
 def refinement(solution: Calibration, normalise: bool = True) -> dict[str, Any]:
     """cond J at the solution: with poses about the data's origin and unscaled columns, and normalised."""
-    views = solution.observations.kept().unweighted().views
-    camera = solution.camera
+    views, camera = solution.observations.kept().views, solution.camera
     free = solution.free[:, solution.free.any(0)]
     if not free.size:  # a known camera: poses only
         return _pair(float("nan"), float("nan"), normalise)
-    problem = Problem(camera.lens, views, free)
+    problem = Problem(camera.lens, views, free, weights=[np.ones(len(v)) for v in views])
     state = problem.state(camera.params, solution.poses)
     if problem.linearise(state) is None:
         return _pair(float("nan"), float("nan"), normalise)

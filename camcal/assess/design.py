@@ -15,7 +15,7 @@ within a view. Where a board's shape was estimated, it counts as known here.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
@@ -133,13 +133,13 @@ class Design:
                     np.ones(count) if group.weights is None else group.weights[place, 0, 0, :count],
                 )
 
-    def along(self, fields: Sequence[Array]) -> tuple[Array, Array]:
-        """Products of the rows with a displacement of the points of each view.
+    def along(self, field: Array) -> tuple[Array, Array]:
+        """Products of the rows with a displacement of the points.
 
         Parameters
         ----------
-        fields : sequence of V (N, 2) arrays
-            px, without weights.
+        field : (N, 2) array
+            Of the points of `views`, one view after the other; px, without weights.
 
         Returns
         -------
@@ -150,13 +150,16 @@ class Design:
         """
         p, f = self.problem.lens.size, self.transform.shape[1]
         found, squares = np.empty((len(self.views), f + 7)), np.empty(len(self.views))
+        lengths = np.array([len(v) for v in self.views])
+        starts = lengths.cumsum() - lengths
         for group in self.problem.groups:
             block = self.problem.fill(group, self.state)
             if block is None:
                 raise ValueError("a used point lies outside the lens's domain")
-            off = np.zeros(group.uv.shape)
-            for row, member in zip(off, group.members, strict=True):
-                row[:, : len(fields[member])] = fields[member].T
+            number = np.arange(group.uv.shape[2])
+            inside = number < lengths[group.members, None]
+            place = np.where(inside, starts[group.members, None] + number, 0)
+            off = np.where(inside[:, None], field[place].transpose(0, 2, 1), 0.0)
             if group.weights is not None:
                 off *= group.weights[:, 0]
             off = off.reshape(len(off), -1)

@@ -136,7 +136,9 @@ def test_condition_number_against_the_singular_values(case, scaled):
         j = j / np.sqrt((j**2).sum(0))
     singular = np.linalg.svd(j, compute_uv=False)
     # Lanczos is stopped at 1e-3 of the squares
-    assert condition(SquareRoot.of(problem, state), scaled) == pytest.approx(singular[0] / singular[-1], rel=5e-3)
+    assert condition(SquareRoot.of(problem, state), scaled) == pytest.approx(
+        singular[0] / singular[-1], rel=5e-3
+    )
 
 
 def test_condition_number_of_a_singular_problem():

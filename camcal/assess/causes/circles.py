@@ -67,15 +67,18 @@ def circles(solution: Calibration, design: Design | None = None) -> Circles | No
     spacing = _spacing(design.views[0].xyz)
     if not spacing > 0:
         return None
-    offsets = list(
-        _centroid_offsets(camera, solution.poses, [v.xyz for v in design.views], data.shapes.axes, spacing)
+    boards = [v.xyz for v in design.views]
+    offsets = np.concatenate(
+        list(_centroid_offsets(camera, solution.poses, boards, data.shapes.axes, spacing))
     )
-    if not all(np.isfinite(off).all() for off in offsets):
+    if not np.isfinite(offsets).all():
         return None
     products, squares = design.along(offsets)
     f = design.transform.shape[1]
     by_pose = products[:, f : f + 6]
-    followed = np.einsum("vij,vj->vi", design.poses.inverse, by_pose)  # what the poses take of the displacements
+    followed = np.einsum(
+        "vij,vj->vi", design.poses.inverse, by_pose
+    )  # what the poses take of the displacements
     pull = (products[:, :f] - np.einsum("vif,vi->vf", design.poses.gain, by_pose)).sum(0)
     along = float(products[:, -1].sum())
     square = float(squares.sum() - (by_pose * followed).sum() - pull @ design.inverse @ pull)
@@ -100,8 +103,8 @@ def _spacing(xyz: Array) -> float:
 def _centroid_offsets(
     camera: Camera, poses: Poses, views: Sequence[Array], axes: Array, spacing: float
 ) -> Iterator[Array]:
-    """b of (1) (N, 2) of each view, px for a radius of one spacing: the centroid of a small outline's image minus its
-    centre's image.
+    """b of (1) (N, 2) of the points of some views at a time, px for a radius of one spacing: the centroid of a small
+    outline's image minus its centre's image.
 
     Parameters
     ----------
@@ -127,4 +130,4 @@ def _centroid_offsets(
         following = np.roll(outline, -1, 1)
         cross = outline[..., 0] * following[..., 1] - outline[..., 1] * following[..., 0]
         off = ((outline + following) * cross[..., None]).sum(1) / (3 * cross.sum(1))[:, None]
-        yield from np.split(off / (RADIUS**2 * moment), np.cumsum(lengths)[:-1])
+        yield off / (RADIUS**2 * moment)

@@ -62,17 +62,19 @@ def fourth_moment(facts: Facts) -> tuple[float, float]:
     """
     lengths, data = standard_lengths(facts.solution), facts.solution.observations
     counts = data.per_block(data.used).astype(int)
-    squares = [s**2 for s in np.split(lengths, np.cumsum(counts)[:-1])]
-    small = [s for s in squares if len(s) < LEAST_POINTS]
-    groups = [s for s in squares if len(s) >= LEAST_POINTS]
-    if sum(map(len, small)) >= LEAST_POINTS:
-        groups.append(np.concatenate(small))
-    n = sum(map(len, groups))
-    if n < LEAST_IN_ALL or not all(np.isfinite(g).all() and g.mean() > 0 for g in groups):
+    # each view is a group of its own, the small ones one together
+    group = np.repeat(np.where(counts < LEAST_POINTS, len(counts), np.arange(len(counts))), counts)
+    size = np.bincount(group, minlength=len(counts) + 1)
+    used = size[group] >= LEAST_POINTS
+    n, squares = int(used.sum()), lengths**2
+    if n < LEAST_IN_ALL or not np.isfinite(squares[used]).all():
+        return 2.0, 0.0
+    mean = np.bincount(group, squares, len(size)) / np.maximum(size, 1)
+    if not (mean[group[used]] > 0).all():
         return 2.0, 0.0
     # with the mean of n exponential values instead of the true mean, E[x²] is 2 n / (n + 1)
-    x2 = np.concatenate([(g / g.mean()) ** 2 * (len(g) + 1) / len(g) for g in groups])
-    moment = float(x2.mean())
+    x2 = (squares / mean[group]) ** 2 * ((size + 1) / np.maximum(size, 1))[group]
+    moment = float(x2[used].mean())
     return moment, (moment - 2) / (2 / np.sqrt(n))
 
 
