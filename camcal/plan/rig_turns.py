@@ -35,8 +35,6 @@ SAMPLES = 40
 #: rad; motions of both sides have the same angle but for noise, of two poses on each: a few tenths of a degree where
 #: boards are seen well. Wrong turns miss by tens of degrees, but for chance
 SAME_ANGLE = np.radians(3.0)
-#: times that the best sample's turns and relative poses are found in turn, from all instants: few turns change
-ROUNDS = 3
 
 #: the symmetries of each board, the identity first
 Turns = tuple[tuple[Pose, ...], ...]
@@ -135,9 +133,11 @@ def agreed_both(
             found = _nearest(robot, camera, solved(one, other))
             if found is not None and (best is None or found[0] < best[0]):
                 best = found
-    for _ in range(ROUNDS):
-        again = None if best is None else _nearest(robot, camera, solved(*best[1:]))
-        best = again or best
+    while best is not None:  # from all instants, while they agree better
+        again = _nearest(robot, camera, solved(*best[1:]))
+        if again is None or not again[0] < best[0]:
+            break
+        best = again
     return None if best is None else best[1:]
 
 

@@ -34,6 +34,9 @@ EXPONENTIAL = 1e-10
 LARGEST = 37.0
 #: the least threshold (mean time to an alarm of one frame), and how exactly thresholds are solved for
 LOWEST, SOLVED = 1e-3, 1e-6
+#: nodes of the integral of the mean time, by Gauss and Legendre: four to a standard deviation of the largest threshold
+#: that is solved for, 21. Of a time of 1e10 frames, 40 leave 1e-4 and 20 are of no use
+NODES = 80
 
 
 def normal_deviate(nis: float, dof: int, noise_dof: float) -> float:
@@ -53,7 +56,7 @@ def normal_deviate(nis: float, dof: int, noise_dof: float) -> float:
     return float(min(-ndtri(tail), LARGEST)) if tail > 0 else LARGEST
 
 
-def mean_time_to_alarm(threshold: float, shift: float = 0.0, nodes: int = 80) -> float:
+def mean_time_to_alarm(threshold: float, shift: float = 0.0, nodes: int = NODES) -> float:
     """The mean number of frames until the cumulative sum, starting from zero, crosses its threshold.
 
     Solves L(s) = 1 + Φ(k - s - μ) L(0) + ∫ φ(x - s + k - μ) L(x) dx over (0, h), Gauss-Legendre (Nyström).

@@ -42,6 +42,8 @@ ODDS = {"principal point": 4.0, "zoom": 4.0}
 
 #: of the criterion: explanations that differ by rounding alone are equal, and the first one is taken
 EQUAL = 1e-9
+#: variance added to deviates of unit variance, so that a covariance that rounding made singular has a root
+RIDGE = 1e-12
 #: rad; a direction this near to a coordinate axis is called by it: between two axes lie 45 degrees
 ALONG = np.deg2rad(15)
 
@@ -125,7 +127,7 @@ def explain(alarm: Alarm) -> Change:
     rows = np.diag(covariance) > 0  # what is held has neither changed nor an uncertainty
     scale = np.sqrt(np.where(rows, np.diag(covariance), 1.0))
     covariance = (covariance / scale / scale[:, None])[np.ix_(rows, rows)]
-    half = np.linalg.cholesky(covariance + 1e-12 * np.eye(len(covariance)))
+    half = np.linalg.cholesky(covariance + RIDGE * np.eye(len(covariance)))
     target = np.linalg.solve(half, (step / scale)[rows])
     best = None
     for kind, basis in EXPLANATIONS.items():

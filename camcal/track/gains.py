@@ -112,7 +112,7 @@ class FixedGain(Gain):
 
     def __call__(self, factor: Array, a: Array, innovation: Array, step: float) -> Array:
         """See `Gain`; directions that the frame does not determine are unchanged."""
-        return self.options.alpha * np.linalg.pinv(a, rcond=1e-10)
+        return self.options.alpha * np.linalg.pinv(a, rcond=linear.UNDETERMINED)
 
 
 class AdaptiveGain(Gain):

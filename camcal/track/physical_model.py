@@ -37,7 +37,9 @@ SERIES = 1e-8
 #: what is believed of the lens before the first frame, where no camera is given: standard deviations in units
 #: of the focal length (aspect: of 1). Only distortion is a statement; the rest keeps numbers finite.
 UNKNOWN = {"focal": 3.0, "principal": 3.0, "skew": 0.3, "distortion": 0.3}
-#: and where one is given and not held
+#: of the pose, rad and in distances to the points: beyond any pose from which a frame shows the points
+ANY_POSE = 10.0
+#: of the lens where a camera is given and not held
 GIVEN = {"focal": 0.02, "principal": 0.02, "skew": 0.002, "distortion": 0.03}
 
 
@@ -208,7 +210,7 @@ class PhysicalModel(Model):
         unit = np.array([beliefs[g] * (1.0 if g == "distortion" else focal) for g in groups])
         lens = np.abs(self.inverse) @ unit
         distance = float(np.linalg.norm(x.rotation @ self.centroid + x.translation))
-        return np.diag(np.concatenate([lens, np.full(3, 10.0), np.full(3, 10.0 * distance)]))
+        return np.diag(np.concatenate([lens, np.full(3, ANY_POSE), np.full(3, ANY_POSE * distance)]))
 
     def describe(self, estimates: Sequence[Physical], factors: Sequence[Array]) -> Cameras:
         """Reorder the rows, which are physical already."""

@@ -24,6 +24,7 @@ Array = np.ndarray
 #: rows that are drawn at most; of a longer table every second, fourth, ... row, alarms always
 MOST = 4000
 ENDS = 1  #: per cent of the values at each end that may lie outside of a panel
+LINES = 50  #: alarms that get a line in a panel, the first ones: more of them hide the curves
 #: Okabe and Ito's colours, which remain distinct for colour-blind readers
 BLUE, ORANGE, RED = "#0072B2", "#E69F00", "#D55E00"
 
@@ -117,7 +118,7 @@ def _panels(count: int, height: float = 1.9) -> tuple[Any, Any]:
 
 
 def _mark(axis: Any, columns: dict[str, Array]) -> None:
-    for frame in columns["frame"][columns["changed"] == 1][:50]:
+    for frame in columns["frame"][columns["changed"] == 1][:LINES]:
         axis.axvline(frame, color=RED, lw=0.8, ls="--")
 
 

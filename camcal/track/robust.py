@@ -19,9 +19,6 @@ Array = np.ndarray
 
 STEPS = 40  #: of reweighting, at most
 SETTLED = 1e-4  #: standard deviations; a smaller step ends the reweighting
-UNDETERMINED = (
-    1e-10  #: ratio of the pivots of R; below it six of 16 digits, those of the image points, are not left
-)
 
 
 @dataclass
@@ -167,6 +164,6 @@ def _equations(
 
 def _solve(a: Array, z: Array) -> Array:
     pivots = np.abs(np.diag(a))
-    if not pivots.min() > UNDETERMINED * pivots.max():
+    if not pivots.min() > linear.UNDETERMINED * pivots.max():
         raise EstimationError("the points of a frame do not determine the camera.", "More points are needed.")
     return linear.solve_upper(a, z)

@@ -108,4 +108,4 @@ def _scaled_inverse(factor: Array) -> Array:
     """The pseudo-inverse of L, with rows scaled to unit length; velocities may have no variance."""
     size = np.linalg.norm(factor, axis=1)
     scale = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), 0.0)
-    return np.linalg.pinv(factor * scale[:, None], rcond=1e-10) * scale
+    return np.linalg.pinv(factor * scale[:, None], rcond=linear.UNDETERMINED) * scale

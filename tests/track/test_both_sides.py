@@ -13,6 +13,7 @@ from camcal.track import (
     detection,
     events,
     first,
+    linear,
     matrix_model,
     noise,
     physical_model,
@@ -69,7 +70,7 @@ def test_points_from_which_samples_are_drawn(count):
 
 def test_points_that_determine_a_camera():
     for share, determined in ((MORE, True), (LESS, False)):
-        a = np.diag([1.0, 1.0, share * robust.UNDETERMINED])
+        a = np.diag([1.0, 1.0, share * linear.UNDETERMINED])
         if determined:
             np.testing.assert_allclose(a @ robust._solve(a, np.ones(3)), np.ones(3))
         else:
