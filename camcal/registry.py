@@ -42,7 +42,7 @@ ELSEWHERE = {
     "omni": "'mei'",
     "omnidir": "'mei'",
     "--size": "'--image-size' (of the pictures, px) or '--board' (inner corners of the board)",
-    "--pattern": "'--board' (inner corners), or '--target' for other than checkerboards",
+    "--pattern": "'--board' (inner corners), or '--target' for targets other than checkerboards",
     "--pattern-size": "'--board'",
     "--resolution": "'--image-size'",
     "--square-size": "'--square'",

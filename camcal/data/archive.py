@@ -81,7 +81,7 @@ def _arrays(data: bytes, path: str) -> dict[str, Array]:
     """The arrays by role; arrays with other names are ignored unless they look misspelt."""
     found: dict[str, str] = {}
     if data.startswith(np.lib.format.MAGIC_PREFIX):
-        raise DataError(f"{path}: a single array; an archive is needed.", WRITE_IT)
+        raise DataError(f"{path}: a single array was found; an archive is needed.", WRITE_IT)
     if not data.startswith(b"PK"):
         raise DataError(f"{path}: not an .npz archive.", WRITE_IT)
     try:
@@ -121,7 +121,7 @@ def _numeric(array: Array, name: str, path: str) -> Array:
 def _bad_shapes(path: str, xyz: Array, uv: Array) -> DataError:
     return DataError(
         f"{path}: xyz {xyz.shape} and uv {uv.shape} do not match; (N, 3) and (N, 2) are needed.",
-        "Or (V, N, 3) and (V, N, 2) for V views of N points each.",
+        "(V, N, 3) and (V, N, 2) are accepted too, for V views of N points each.",
     )
 
 
@@ -131,7 +131,7 @@ def _per_point(array: Array, name: str, lead: tuple[int, ...], path: str) -> Arr
     if values is None or values.shape not in ((), lead, lead[-1:]):
         raise DataError(
             f"{path}: {name} holds {array.dtype} of shape {array.shape}; numbers of shape {lead} are needed.",
-            "One for each row of uv.",
+            "Give one for each row of uv.",
         )
     return np.broadcast_to(values, lead).reshape(-1, 1)
 
@@ -146,7 +146,7 @@ def _views(array: Array | None, lead: tuple[int, ...], path: str) -> tuple[tuple
         raise DataError(
             f"{path}: view holds {array.dtype} of shape {array.shape}; names or whole numbers of shape "
             f"{lead[:1]} are needed.",
-            "One for each row of uv.",
+            "Give one for each row of uv.",
         )
     words = np.char.decode(array, "utf-8", "replace") if array.dtype.kind == "S" else array
     texts = [str(word).strip() for word in words.tolist()]
@@ -155,7 +155,8 @@ def _views(array: Array | None, lead: tuple[int, ...], path: str) -> tuple[tuple
         raise DataError(f"{path}: view[{texts.index('')}] is empty; a name is needed.", "Fill in the view.")
     if len(lead) == 2 and len(numbers) < len(texts):
         raise DataError(
-            f"{path}: {len(texts)} stacked views have {len(numbers)} names.", "Name each its own."
+            f"{path}: {len(texts)} stacked views were found, but {len(numbers)} names.",
+            "Give each view a name of its own.",
         )
     index = np.fromiter(map(numbers.__getitem__, texts), np.int32, len(texts))
     return tuple(numbers), np.repeat(index, lead[1]) if len(lead) == 2 else index
@@ -174,7 +175,8 @@ def _check_values(table: Table) -> None:
             row = int(np.flatnonzero(~good)[0])
             raise DataError(
                 f"{table.where(row)}: {name} is {values[row]:g}; {needed} needed.",
-                "Leave out points that were not seen: rows with an array `view` may differ in number.",
+                "Leave out points that were not seen; with an array `view` the views may have different "
+                "numbers of points.",
             )
 
 

@@ -139,7 +139,7 @@ def without_header(row: list[str], numeric: list[bool], form: Form, where: str) 
         return form.headless[count]
     pair = "; or give two files, --points3d and --points2d" if form is POINTS and count in (2, 3) else ""
     raise DataError(
-        f"{where}: {count} column{'s' * (count != 1)} found; without a header {form.said} are needed.",
+        f"{where}: {count} column{'s' * (count != 1)} found; without a header, {form.said} are needed.",
         "Give the file a first row that names its columns: " + ",".join(form.allowed) + pair + ".",
     )
 
@@ -151,6 +151,6 @@ def _optional(form: Form) -> str:
 def _hint(name: str, form: Form) -> str:
     known = [alias for alias, role in _BY_NAME.items() if role in form.allowed]
     if plain(name) in ("camera", "cam", "cameraid"):
-        return "A table of several cameras is for `camcal rig`; for one camera take the column out."
+        return "A table of several cameras is for `camcal rig`; for a single camera, remove that column."
     near = suggestion(plain(name), known) if len(plain(name)) > 1 else None
     return near or "Columns that camcal knows: " + ",".join(form.allowed) + "."

@@ -53,7 +53,8 @@ def matrices(text: str, source: Path) -> Array:
     """The projection matrices (C, 3, 4) of the text of a file; see `read_dlt`."""
     if not looks_like_dlt(text):
         raise DataError(
-            f"'{source}' is no file of DLT coefficients, which are {ROWS} rows of numbers, a column a camera: "
+            f"'{source}' is not a file of DLT coefficients, which has {ROWS} rows of numbers and one "
+            f"column for each camera: "
             f"{_flaw(_rows(text))}.",
             "Give the file that the digitising program saved as DLT coefficients.",
         )
@@ -66,8 +67,8 @@ def matrices(text: str, source: Path) -> Array:
     for column, matrix in enumerate(found, 1):
         if _singular(matrix):
             raise DataError(
-                f"'{source}', column {column}: the coefficients are of no camera; L1 to L3, L5 to L7 and L9 to L11 as "
-                "rows of a matrix have a determinant of 0.",
+                f"'{source}', column {column}: the coefficients do not describe a camera: the matrix "
+                f"with the rows L1 to L3, L5 to L7 and L9 to L11 is singular.",
                 "Export the coefficients again.",
             )
     return found
@@ -82,7 +83,9 @@ def _singular(matrix: Array) -> bool:
 def _flaw(rows: list[list[str]]) -> str:
     """The first difference of a table from eleven rows of numbers."""
     if len(rows) == ROWS + 1 and not any(is_number(f, ",") for f in rows[0]):
-        return f"its first row is a header ({', '.join(rows[0][:4])}), to be left out: cameras are counted from 1"
+        return (
+            f"its first row is a header ({', '.join(rows[0][:4])}); remove it, as cameras are numbered from 1"
+        )
     if len(rows) != ROWS:
         return f"it holds {len(rows)} rows"
     for line, row in enumerate(rows, 1):
@@ -107,9 +110,9 @@ def dlt_text(matrices: Sequence[Array]) -> str:
         m34 = m[2, 3]
         if abs(m34) <= NO_DEPTH * np.abs(m[2]).max():
             raise DataError(
-                f"camera {index + 1}: the world's origin lies in the plane of its centre; the eleven coefficients "
-                "need m34 = 1.",
-                "Move the origin of the world.",
+                f"camera {index + 1}: the world origin lies in the plane through the camera's centre "
+                f"parallel to the image, so m34 = 0; the eleven coefficients need m34 = 1.",
+                "Move the world origin.",
             )
         columns.append((m if m34 == 1 else m / m34).reshape(-1)[:ROWS])
     return "".join(",".join(repr(float(x)) for x in row) + "\n" for row in np.array(columns).T)

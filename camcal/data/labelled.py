@@ -98,7 +98,7 @@ def read_labelled(
         where = f"{source}:{number}"
         if len(fields) < len(rows[0][1]):
             raise DataError(
-                f"{where}: {len(fields)} fields found, {len(rows[0][1])} are needed.", "Complete the row."
+                f"{where}: {len(fields)} fields found; {len(rows[0][1])} are needed.", "Complete the row."
             )
         for column, at in columns.items():
             value = fields[at].strip()

@@ -102,7 +102,7 @@ def find_layout(block: Block, form: Form, path: str) -> Layout:
     else:
         skip, columns = _skip_header(rows, numeric, form)
         if skip == len(rows):
-            raise DataError(f"{path}: a header but no rows of numbers.", "Is it the right file?")
+            raise DataError(f"{path}: the file has a header but no rows of numbers.", "Is it the right file?")
     columns = columns or _commented_header(block.comments, len(rows[skip]), form)
     header = columns is not None
     if columns is None:

@@ -73,8 +73,8 @@ def read_points(
     if points3d is not None or points2d is not None:
         if paths or points3d is None or points2d is None:
             raise UsageError(
-                "points come from tables of X Y Z u v, or from one file of 3D and one of 2D points.",
-                "Give --points3d and --points2d and no other file, or give neither.",
+                "points are read either from tables of X Y Z u v, or from a file of 3D points and one of 2D points.",
+                "Give --points3d and --points2d without another file, or neither of them.",
             )
         joined, parts = read_pair(os.fspath(points3d), os.fspath(points2d))
         return _collect([joined], parts, image_size)
@@ -124,7 +124,7 @@ def _same_size(
     if size is None or own is None or tuple(size) == own:
         return size or own
     raise DataError(
-        f"{path}: pictures of {own[0]}x{own[1]}; {size[0]}x{size[1]} is needed.",
+        f"{path}: the pictures have {own[0]}x{own[1]} px; {size[0]}x{size[1]} is needed.",
         "All pictures of a camera must have the same size.",
     )
 
@@ -151,8 +151,9 @@ def _is_printed(table: Table) -> bool:
         return False
     if not np.isin(said, (0, 1)).all():
         raise DataError(
-            f"{table.path}: the column 'printed' holds something else than 0 and 1.",
-            "1: the point is one of a printed target, whose shape may be estimated; 0: its place was measured.",
+            f"{table.path}: the column 'printed' holds a value other than 0 and 1.",
+            "1 marks a point of a printed target, whose shape may be estimated; 0 a point whose position "
+            "was measured.",
         )
     return bool(said.all())
 

@@ -81,7 +81,7 @@ def _outside(u: Array, v: Array, source: Size) -> Array:
 def pgm(values: Array, u: Array, v: Array, source: Size) -> bytes:
     """A map for ffmpeg's remap filter: 16-bit PGM of whole px, rounded; pixels outside are 65535."""
     if max(source) >= OUTSIDE:
-        raise UsageError("ffmpeg's maps end at 65534 px.", "Write .npz or .exr.")
+        raise UsageError("ffmpeg's maps hold coordinates up to 65534 px.", "Write .npz or .exr.")
     whole = np.where(_outside(u, v, source), OUTSIDE, np.rint(np.nan_to_num(values, nan=-1.0)))
     height, width = values.shape
     return f"P5\n{width} {height}\n{OUTSIDE}\n".encode() + np.maximum(whole, 0).astype(">u2").tobytes()

@@ -60,7 +60,7 @@ class RigViews:
             order = tuple(sorted(order, key=int))
         if len(parts) < least:
             raise DataError(
-                "a rig has two or more cameras; there is one.", "Use camcal.calibrate for one camera."
+                "a rig has two or more cameras; one was found.", "Use camcal.calibrate for one camera."
             )
         split = {name: by_board(part) for name, part in parts.items()}
         return cls(
@@ -211,7 +211,7 @@ def _check_once(made: Observations, found: Labelled, order: Array) -> None:
         camera, view = made.cameras[made.camera[row]], made.view_ids[made.view[row]]
         raise DataError(
             f"{found.path}:{found.rows[order[row]]}: camera '{camera}' has this point twice in view '{view}'.",
-            "Remove one of the rows; points at one place need ids.",
+            "Remove one of the rows; points at the same position need ids.",
         )
 
 

@@ -113,7 +113,7 @@ def read_robot_poses(path: str | os.PathLike, form: str | None = None) -> RobotP
     time = next((columns[n] for n in TIMES if n in columns and n not in rotation), None)
     if view is None and time is None:
         raise DataError(
-            f"'{path}' has no column view and no column time.", "Name the view of each pose, or its time."
+            f"'{path}' has no column view and no column time.", "Give the view of each pose, or its time."
         )
     numbers = [columns[n] for n in (*places, *rotation)] + ([time] if time else [])
     table = read_labelled(path, [] if view is None else [view], numbers)
@@ -160,7 +160,7 @@ def _check(made: RobotPoses, rows: Array) -> None:
         for name, row in zip(made.names, rows.tolist(), strict=True):
             if name in seen:
                 raise DataError(
-                    f"{made.path}:{row}: the view '{name}' has a pose in line {seen[name]} already.",
+                    f"{made.path}:{row}: the view '{name}' has a pose already, in line {seen[name]}.",
                     "Leave one of them out.",
                 )
             seen[name] = row

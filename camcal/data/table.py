@@ -212,7 +212,7 @@ def _diagnose(block: Block, layout: Layout, path: str) -> NoReturn:
         for field, role in zip(fields, layout.columns, strict=True):
             _check_field(field, role, layout, where)
     lines = f"lines {block.numbers[0]} to {block.numbers[-1]}"
-    raise DataError(f"{path}: {lines} do not read as numbers.", "Look for unusual signs in them.")
+    raise DataError(f"{path}: {lines} do not read as numbers.", "Look for unusual characters in them.")
 
 
 def _check_field(field: str, role: str, layout: Layout, where: str) -> None:
@@ -237,7 +237,7 @@ def _check_field(field: str, role: str, layout: Layout, where: str) -> None:
     if role == "sigma" and value <= 0:
         raise DataError(
             f"{where}: sigma is {shown(field)}; a number above 0 is needed.",
-            "sigma is the standard deviation of u and of v, px; leave the column out where it is not known.",
+            "sigma is the standard deviation of u and of v, px; leave the column out if it is not known.",
         )
     if role == "id" and not is_id(np.array(value)):
         raise DataError(f"{where}: id is {shown(field)}; a whole number is needed.", "Number the points.")

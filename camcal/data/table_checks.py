@@ -47,10 +47,10 @@ def check_duplicates(table: Table) -> None:
     same = np.array_equal(table.values[first], table.values[again])
     raise DataError(
         f"{where}the point ({xyz}) is given a second time{view}, after {table.row_name(first)}, "
-        f"{'with the same' if same else 'with another'} pixel.",
+        f"{'with the same' if same else 'with another'} image point.",
         "Remove one of the rows."
         if same
-        else "Average the two, or name their views; points at one place need ids.",
+        else "Average the two, or give their views different names; points at the same position need ids.",
     )
 
 
@@ -68,13 +68,13 @@ def check_not_swapped(table: Table) -> None:
     """
     if _repeats(table, "uv") and not _repeats(table, "XY"):
         raise DataError(
-            f"{table.where(0)}: u and v are exactly the same in two views, like a board, and X and Y are not, like "
-            "pixels; X,Y,Z are needed on the board and u,v in the picture.",
+            f"{table.where(0)}: u and v are identical in two views, as board points are, and X and Y "
+            f"differ, as image points do; X,Y,Z must be the points of the board and u,v those of the image.",
             _exchange(table),
         )
     if not table.header and _pixels_first(table):
         raise DataError(
-            f"{table.where(0)}: read as X Y Z u v no camera explains the points, read as u v X Y Z one does.",
+            f"{table.where(0)}: no camera fits the columns as X Y Z u v, but one does fit them as u v X Y Z.",
             "Name the columns in a first row: u,v,X,Y,Z.",
         )
     rows = slice(None) if table.view_index is None else table.view_index == 0
@@ -91,8 +91,8 @@ def check_not_swapped(table: Table) -> None:
         return
     found = "u and v are a regular grid" if swapped else "Z and u are a regular grid and v is 0"
     raise DataError(
-        f"{table.where(0)}: {found}, like a board, and X and Y are scattered, like pixels; "
-        "X,Y,Z are needed on the board and u,v in the picture.",
+        f"{table.where(0)}: {found}, like a board, and X and Y are scattered, like image points; X,Y,Z "
+        f"must be the points of the board and u,v those of the image.",
         _exchange(table),
     )
 

@@ -156,4 +156,6 @@ def _check_finite(view: View) -> None:
     if not (np.isfinite(view.xyz).all() and np.isfinite(view.uv).all()):
         raise DataError(f"view '{view.id}' holds a NaN or infinite coordinate.", "Remove that row.")
     if view.sigma is not None and not (np.isfinite(view.sigma) & (view.sigma > 0)).all():
-        raise DataError(f"view '{view.id}' holds a sigma that is not positive.", "Sigmas are px, > 0.")
+        raise DataError(
+            f"view '{view.id}' holds a sigma that is not positive.", "Sigmas are in px and greater than 0."
+        )

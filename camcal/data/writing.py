@@ -70,7 +70,8 @@ def _quoted(name: str) -> str:
     """The name as a CSV field; quoted also where a reader would strip it or treat it as a comment."""
     if not name.strip() or any(c in name for c in "\r\n\0"):
         raise UsageError(
-            f"the view name {name!r} cannot be written to a CSV file.", "Names are one line and not empty."
+            f"the view name {name!r} cannot be written to a CSV file.",
+            "Names must be one line and not empty.",
         )
     name = cell(name)
     if name.isprintable() and name == name.strip() and not any(c in name for c in "#%,;\"'\t "):
@@ -85,6 +86,6 @@ def _all_or_none(views: tuple[View, ...], attribute: str, words: str) -> bool:
     if have and len(have) < len(views):
         raise UsageError(
             f"{len(have)} of {len(views)} views have {words}; all or none are needed in one file.",
-            "Write those views to a file of their own.",
+            "Write those views to a separate file.",
         )
     return bool(have)

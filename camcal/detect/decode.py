@@ -73,7 +73,7 @@ def decoded(data: Array, flags: int) -> Array | None:
     try:
         return cv2.imdecode(data, flags)
     except cv2.error as error:
-        raise UnreadableError(f"the decoder failed: {str(error.err).strip()[:80]}") from error
+        raise UnreadableError(f"decoding failed: {str(error.err).strip()[:80]}") from error
     except MemoryError as error:
         raise UnreadableError("there is not enough memory to decode it") from error
 
@@ -133,7 +133,7 @@ def check_size(data: bytes) -> tuple[int, int] | None:
             f"{size[0]}x{size[1]} pixels are more than the {MOST_PIXELS // 10**6} million allowed"
         )
     if size and min(size) < 1:
-        raise UnreadableError(f"a picture of {size[0]}x{size[1]} pixels: it is damaged")
+        raise UnreadableError(f"a picture of {size[0]}x{size[1]} pixels: the file is damaged")
     return size
 
 
@@ -157,7 +157,7 @@ def _truncated(data: bytes) -> str | None:
     """The reason if the end of a JPEG or PNG file is missing, else None; decoders silently fill the gap with grey."""
     if data.startswith(b"\xff\xd8"):
         whole = data.rfind(b"\xff\xd9") > data.rfind(b"\xff\xda") > 0
-        return None if whole else "the JPEG file is cut off: its end marker is missing"
+        return None if whole else "the JPEG file is truncated: its end marker is missing"
     if data.startswith(b"\x89PNG"):
-        return None if b"IEND" in data else "the PNG file is cut off: its end is missing"
+        return None if b"IEND" in data else "the PNG file is truncated: its end is missing"
     return None

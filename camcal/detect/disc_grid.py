@@ -66,7 +66,7 @@ class Grid:
         size, wanted = (self.columns, self.rows), (columns, rows)
         seen = "x".join(map(str, size))
         if self.leaves(shape) and part_of(size, wanted):
-            said = f"the grid leaves the picture: {seen} of its {columns}x{rows} {what} are seen"
+            said = f"the grid extends beyond the picture: {seen} of its {columns}x{rows} {what} are visible"
             return Miss("cut-off", said, {"size": size})
         said = f"the picture shows a grid of {seen} {what}, not {columns}x{rows}"
         return Miss("other-size", said, {"size": size})

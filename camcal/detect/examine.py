@@ -102,7 +102,7 @@ def examine(task: Task) -> Outcome:
     except (MemoryError, cv2.error) as error:
         if isinstance(error, cv2.error) and error.code != cv2.Error.StsNoMem:
             raise
-        return Outcome(task.path, "unreadable", "there is not enough memory for it", sha256)
+        return Outcome(task.path, "unreadable", "there is not enough memory to process it", sha256)
     if (
         place is None or outcome.code == "time"
     ):  # a time-out depends on the load of the machine and is not cached

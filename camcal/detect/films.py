@@ -188,7 +188,9 @@ def left_out(shown: Sequence[Shown], count: int) -> dict[int, str]:
     blur = np.array([s.found.info.get("blur_px", np.nan) for s in shown])
     sharp = np.nanpercentile(blur, SHARPER) if np.isfinite(blur).any() else np.inf
     for i in np.flatnonzero(blur > max(BLURRED * sharp, LEAST_BLUR)):
-        reasons[int(i)] = f"blurred: its edges are {blur[i]:.1f} px wide (sigma), those of others {sharp:.1f}"
+        reasons[int(i)] = (
+            f"blurred: its edges are {blur[i]:.1f} px wide (sigma), those of other frames {sharp:.1f}"
+        )
     kept = [i for i in range(len(shown)) if i not in reasons]
     gains = [information(shown[i].points, shown[i].found.uv, _sigma(shown[i]), shown[i].size) for i in kept]
 

@@ -103,7 +103,7 @@ def _opened(path: Path) -> cv2.VideoCapture:
             raise UnreadableError(f"it cannot be read: {error.strerror or error}") from error
     capture = cv2.VideoCapture(str(path))
     if not capture.isOpened():
-        raise UnreadableError("no decoder opens this film; convert it to MP4 (H.264) or to pictures")
+        raise UnreadableError("no decoder can open this film; convert it to MP4 (H.264) or to pictures")
     return capture
 
 

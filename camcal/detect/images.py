@@ -153,7 +153,7 @@ def _wanted(
     if target is not None and target != "checkerboard":
         if board is not None or square is not None:
             raise UsageError(
-                "both a target and a board were given.",
+                "a target and a board were given; one is needed.",
                 "Give the sizes with the target, as in checkerboard:9x6:25mm.",
             )
         return targets.make_all(target) if isinstance(target, str) else [target]
@@ -263,7 +263,7 @@ def _correspondences(searched: list[Searched], detected: bool, run: Search) -> O
             skipped.append(SkippedView(ids[o.path], "rejected", _other_size(o.size, size)))
         elif camera is not None and _other_camera(o.taken, camera):
             reason = (
-                f"it was taken by {o.taken}, most of the others by {camera}: calibrate each camera separately"
+                f"it was taken by {o.taken}, most of the others by {camera}; calibrate each camera separately"
             )
             skipped.append(SkippedView(ids[o.path], "rejected", reason))
         else:
@@ -303,7 +303,7 @@ def _tell_turned(run: Search, found: list[Outcome]) -> None:
 
 def _other_size(found: tuple[int, int] | None, needed: tuple[int, int] | None) -> str:
     words = ["x".join(map(str, s or ())) for s in (found, needed)]
-    said = f"the picture has {words[0]} pixels, most of the others {words[1]}"
+    said = f"the picture has {words[0]} pixels, and most of the others {words[1]}"
     if found and needed and found == needed[::-1]:
         said += ": a program rotated it; use the original file of the camera"
     return said

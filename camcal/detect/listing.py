@@ -178,14 +178,14 @@ def _no_pictures(folder: Path, entries: list[Path]) -> DataError:
     inside = sorted((p for p in entries if p.is_dir() and holds_pictures(p)), key=natural_order)
     if len(inside) == 1:
         return DataError(
-            f"the folder '{folder}' itself contains no pictures.", f"Its folder does. Try: '{inside[0]}'"
+            f"the folder '{folder}' itself contains no pictures.", f"Its subfolder does. Try: '{inside[0]}'"
         )
     if inside:
         names = listed([p.name for p in inside], MOST_NAMED)
         pairs = " ".join(shlex.quote(f"{p.name}={p}") for p in inside[:MOST_NAMED])
         return DataError(
-            f"the folder '{folder}' itself contains no pictures; the folders inside it do: {names}.",
-            f"They look like those of several cameras. Try: camcal rig {pairs} -o rig.yaml, or one folder at a time "
+            f"the folder '{folder}' itself contains no pictures; its subfolders do: {names}.",
+            f"They appear to be from several cameras. Try: camcal rig {pairs} -o rig.yaml, or one folder at a time "
             f"(for pictures of one camera: '{folder}/*/*').",
         )
     among = f" among its {len(entries)} entries" if entries else "; it is empty"

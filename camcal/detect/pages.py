@@ -138,7 +138,7 @@ def _frame(data: bytes, number: int) -> Array | None:
     """A frame of an animation; None if it does not exist."""
     if not hasattr(cv2, "imdecodeanimation"):
         raise UnreadableError(
-            "this version of OpenCV reads no animations: upgrade it, or convert the file to pictures"
+            "this version of OpenCV cannot read animations: upgrade it, or convert the file to pictures"
         )
     sha256 = hashlib.sha256(data).digest()
     kept = _block[0]

@@ -83,7 +83,9 @@ def warnings(figures: Mapping[str, Any]) -> list[str]:
         said.append(f"blurred: the edges are {blur:.1f} px wide (sigma) on squares of {square:.0f} px")
     ratio, direction = figures.get("blur_ratio", 1.0), figures.get("blur_direction_deg", 0.0)
     if blur is not None and blur > MOTION_PX and ratio > MOTION_RATIO:
-        said.append(f"motion: {ratio:.1f} times as blurred along {direction:.0f} degrees as across")
+        said.append(
+            f"motion: {ratio:.1f} times as blurred along {direction:.0f} degrees as perpendicular to it"
+        )
     if figures["saturated"] > SATURATED:
         said.append(f"overexposed: {figures['saturated']:.0%} of the board is at full scale")
     contrast = figures.get("contrast")

@@ -142,7 +142,7 @@ def _fitted(task: _Task) -> list[View]:
 
 
 def _crashed(task: _Task) -> str:
-    return "the process that fitted it ended unexpectedly"
+    return "the process that refined it ended unexpectedly"
 
 
 def rms_move(before: Array, after: Array) -> float:
@@ -216,6 +216,6 @@ def _read_again(task: _Task) -> Array:
         If it cannot be read, or has changed since the corners were found.
     """
     if task.file is None:
-        raise UnreadableError("it has no picture")
+        raise UnreadableError("its picture is not known")
     gray = read_gray(Path(task.file["path"]), task.file["sha256"])[0]
     return ~gray if task.how[2] else gray

@@ -69,7 +69,7 @@ def _read(path: Path, size: tuple[int, int] | None) -> Array:
 def other_size(found: tuple[int, ...] | None, needed: tuple[int, int] | None) -> str:
     """The reason for skipping a picture whose size differs from the camera's."""
     words = ["x".join(map(str, size or ())) for size in (found, needed)]
-    return f"it is {words[0]}, the camera is for {words[1]}"
+    return f"it is {words[0]}, the camera was calibrated for {words[1]}"
 
 
 def resample(picture: Array, u: Array, v: Array, interpolation: str = "linear") -> Array:

@@ -78,7 +78,8 @@ def _check_own_pictures(parts: Mapping[str, Observations]) -> None:
         same = len(contents[a] & contents[b])
         if same > SAME * min(len(contents[a]), len(contents[b])):
             raise DataError(
-                f"cameras '{a}' and '{b}' have the same pictures: {same} of {len(contents[a])} and {len(contents[b])}.",
+                f"cameras '{a}' and '{b}' were given the same pictures: {same} of {len(contents[a])} and "
+                f"{len(contents[b])}.",
                 "Give each camera its own pictures.",
             )
 

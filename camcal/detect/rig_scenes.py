@@ -63,9 +63,9 @@ def shared_points(
             size = sizes.get(name)
             if size is not None and picture.shape[::-1] != tuple(size):
                 raise DataError(
-                    f"camera '{name}', {instant}: the picture is {picture.shape[1]}x{picture.shape[0]}, the camera is "
-                    f"for {size[0]}x{size[1]}.",
-                    "Are the names of the cameras exchanged?",
+                    f"camera '{name}', {instant}: the picture is {picture.shape[1]}x{picture.shape[0]}, "
+                    f"the camera was calibrated for {size[0]}x{size[1]}.",
+                    "Were the names of the cameras exchanged?",
                 )
         points = {name: points_of(picture) for name, picture in pictures.items()}
         yield (

@@ -174,10 +174,10 @@ def _why_not(best: Found, size: tuple[int, int]) -> Miss:
     wanted, seen, total = f"{size[0]}x{size[1]}", int(best.lattice.present.sum()), size[0] * size[1]
     columns, rows = sorted(best.lattice.size, reverse=True)
     if best.open_ended and seen < total:
-        return Miss("cut-off", f"the board extends beyond the picture: {seen} of {total} corners are seen")
+        return Miss("cut-off", f"the board extends beyond the picture: {seen} of {total} corners are visible")
     if (columns, rows) == tuple(sorted(size, reverse=True)):
-        return Miss("cut-off", f"only {best.lattice.present.mean():.0%} of the {wanted} corners are seen")
+        return Miss("cut-off", f"only {best.lattice.present.mean():.0%} of the {wanted} corners are visible")
     words = f"the picture shows a board of {columns}x{rows} corners, not {wanted}"
     if columns <= max(size) and rows <= min(size):
-        words += ", or something covers its outer rows"
+        words += ", or its outer rows are covered"
     return Miss("other-size", words, {"size": (columns, rows)})

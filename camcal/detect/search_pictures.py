@@ -85,7 +85,7 @@ class Search:
             limits = f"from {chosen.start:g} s" + f" to {chosen.end:g} s" * (chosen.end < np.inf)
             raise DataError(
                 f"there are no frames {limits}.",
-                "--from has to be before --to and before the end of the film.",
+                "--from must be earlier than --to and than the end of the film.",
             )
         if chosen != Range() and not any(map(is_film, self.files)):
             self.tell("no-film")

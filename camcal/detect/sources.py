@@ -86,7 +86,7 @@ def fetch(path: Path) -> Fetched:
     if number is not None and is_film(file):
         return of_pixels(read_frame(file, number))
     if file.suffix.lower() in RAW:
-        raise UnreadableError(f"it is a raw picture of a camera ({file.suffix}): export it to TIFF or PNG")
+        raise UnreadableError(f"it is a raw camera file ({file.suffix}): export it to TIFF or PNG")
     data = read_bytes(file)
     if number is None:
         return Fetched(hashlib.sha256(data).hexdigest(), lambda: decode_gray(data), read_exif(data))
@@ -143,7 +143,7 @@ def read_bytes(path: Path) -> bytes:
         with zipfile.ZipFile(archive) as opened:
             entry = opened.getinfo(path.relative_to(archive).as_posix())
             if entry.file_size > MOST_UNPACKED:
-                raise UnreadableError(f"it would have {entry.file_size:,} bytes unpacked")
+                raise UnreadableError(f"it would have {entry.file_size:,} bytes when unpacked")
             return opened.read(entry)
     except DataError as error:
         raise UnreadableError(f"it cannot be read: {error.message.rstrip('.')}") from error

@@ -55,8 +55,8 @@ def recognised(run: Search, square: str | tuple[float, str] | None) -> list[Sear
         raise DataError(
             f"{mirrored} of {len(looked)} pictures are mirror images: their markers can be read only after they are "
             "turned over.",
-            "Turn off the mirror effect (a setting of front cameras and of video calls), or flip the files "
-            "from left to right, all of them.",
+            "Turn off the mirror effect (a setting of front cameras and of video calls), or flip all "
+            "files from left to right.",
         )
     number = unread(sights, best)
     if number:

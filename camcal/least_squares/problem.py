@@ -17,9 +17,9 @@ START = 1e-4
 CONVERGED, ROUNDING = "predicted decrease", "rounding"
 STUCK, SINGULAR = "no step decreases the cost", "singular"
 #: a rejected step was the last, and the shorter one promises too little, though the minimum is not near
-EDGE = "the domain of the problem ends here"
+EDGE = "the border of the problem's domain was reached"
 #: see `Options.still`
-STILL = "a valley: the parameters still move, the residuals do not"
+STILL = "a flat valley: the parameters still move, the residuals do not"
 INVALID = "the start lies outside the domain of the problem"
 
 

@@ -90,8 +90,8 @@ class Camera:
             )
         if form.xi is not None:
             raise UsageError(
-                f"K and distCoeffs do not hold the model '{name}': cv2.omnidir also takes xi.",
-                "Use camera.lens.opencv(camera.params), which has xi and distortion, with camera.matrix.",
+                f"K and distCoeffs cannot represent the model '{name}': cv2.omnidir also takes xi.",
+                "Use xi and distortion of camera.lens.opencv(camera.params), with camera.matrix.",
             )
         if self.matrix[0, 1] != 0.0:
             raise UsageError(

@@ -120,7 +120,7 @@ def _place(points: Array, camera: Camera, rotation: Array, place: Array, fill: f
         else:
             pixel = pixel + TOWARDS * ((size - 1) / 2 - pixel)
     raise UsageError(
-        f"no pose shows the whole object at a size of {fill:.0%} of the picture.",
+        f"no pose shows the whole object at {fill:.0%} of the picture.",
         "Ask for smaller views or less tilt: --fill 0.3,0.5 --tilt 5,30",
     )
 

@@ -318,8 +318,8 @@ def _refuse_epipoles(cameras: tuple[Camera, Camera], turns: Array, axis: int) ->
     for camera, turn in zip(cameras, turns, strict=True):
         if _sources(camera, turn, np.stack([along, -along]))[1].any():
             raise EstimationError(
-                "the direction of one camera from the other lies in the field of view (it is behind the other, or the "
-                "lens sees 180 degrees and more), and perspective pictures cannot be rectified.",
+                "an epipole lies within the field of view (one camera is behind the other, or a lens "
+                "sees 180 degrees and more), so perspective pictures cannot be rectified.",
                 f"Try: --projection {LATITUDE_LONGITUDE}",
             )
 
@@ -327,5 +327,5 @@ def _refuse_epipoles(cameras: tuple[Camera, Camera], turns: Array, axis: int) ->
 def _nothing_shared() -> EstimationError:
     return EstimationError(
         "the rectified pictures have no common area: the cameras look in different directions.",
-        "Choose two cameras of the rig that look the same way, or give --alpha 1.",
+        "Choose two cameras of the rig that look in similar directions, or give --alpha 1.",
     )

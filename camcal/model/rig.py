@@ -45,7 +45,7 @@ class Rig:
         cameras, poses = dict(self.cameras), dict(self.cam_from_rig)
         if self.reference not in cameras:
             raise UsageError(
-                f"the rig has no camera '{self.reference}' for its reference.",
+                f"the reference camera '{self.reference}' is not among the cameras of the rig.",
                 "It has: " + (", ".join(cameras) or "none") + ".",
             )
         poses.setdefault(self.reference, Pose.identity())
@@ -99,7 +99,9 @@ class Rig:
 def _check_rigid(name: str, pose: Pose) -> None:
     r, t = np.asarray(pose.rotation), np.asarray(pose.translation)
     if r.shape != (3, 3) or t.shape != (3,):
-        raise UsageError(f"the pose of the camera '{name}' is not one rotation (3, 3) and translation (3,).")
+        raise UsageError(
+            f"the pose of the camera '{name}' is not a single rotation (3, 3) and translation (3,)."
+        )
     off = np.abs(r.T @ r - np.eye(3)).max()
     if not (off <= ROTATION_TOLERANCE and np.linalg.det(r) > 0 and np.isfinite(t).all()):
         raise UsageError(

@@ -46,15 +46,16 @@ def better(candidate: Candidate, incumbent: Candidate) -> tuple[bool, str]:
     new, old = candidate.calibration, incumbent.calibration
     sensible = physical(new), physical(old)
     if sensible[0] != sensible[1]:
-        return sensible[0], "the other camera is not physical: its focal length, or points that it cannot see"
+        reason = "the other camera is not physical: its focal length is not positive, or it does not see some points"
+        return sensible[0], reason
     if same_points(new, old) and _unknowns(new) == _unknowns(old):
         return _lower_cost(new, old)
     t, views = gain(candidate.holdout, incumbent.holdout)
     if np.isnan(t):
-        return False, "there are too few views to hold some out"
+        return False, "there are too few views for a hold-out"
     fewer = same_points(new, old) and new.free_count < old.free_count
     where = "below" if t > 0 else "above"
-    said = f"its error on views held out lies {abs(t):.1f} standard errors {where} the other's"
+    said = f"its error on held-out views is {abs(t):.1f} standard errors {where} the other's"
     return t_exceeded(t, views - 1) < (1 - CHANCE if fewer else CHANCE), said
 
 
@@ -103,10 +104,10 @@ def _unknowns(calibration: Estimate) -> tuple[str, int]:
 def _lower_cost(new: Estimate, old: Estimate) -> tuple[bool, str]:
     ours, theirs = new.fit.cost, old.fit.cost
     if ours < theirs * (1 - EQUAL):
-        return True, f"a lower cost on the same points: {ours:.9g} against {theirs:.9g}"
+        return True, f"a lower cost on the same points: {ours:.9g} instead of {theirs:.9g}"
     if ours <= theirs * (1 + EQUAL) and new.fit.converged and not old.fit.converged:
         return True, "the same cost on the same points, and converged"
-    return False, f"no lower cost on the same points: {ours:.9g} against {theirs:.9g}"
+    return False, f"no lower cost on the same points: {ours:.9g} instead of {theirs:.9g}"
 
 
 def lowest(calibrations: list[Calibration]) -> Calibration:

@@ -54,7 +54,8 @@ def as_designed(progress: Progress) -> tuple[CalibrationWarning, ...]:
         CalibrationWarning(
             "boards-as-designed",
             f"fewer than {LEAST_POINTS} points are seen in {LEAST_VIEWS} views of {'board' if one else 'boards'} "
-            f"{listed(lacking)}, whose shape is not estimated: {'it is' if one else 'they are'} taken as designed.",
+            f"{listed(lacking)}, whose shape is not estimated: {'it is' if one else 'they are'} assumed "
+            f"to be as designed.",
             f"Take {LEAST_VIEWS} or more pictures of {'it' if one else 'each'}.",
             "note",
         ),
@@ -252,9 +253,9 @@ def _one_board(kinds: str, best: Candidate, progress: Progress) -> Trial | None:
 def _refused(trial: Trial) -> str:
     """The reason why a shape is not compared; empty if it is."""
     if not trial.p_value < SIGNIFICANT:
-        return f"a flat board would fit as well with probability {trial.p_value:.2g}"
+        return f"the p-value of a flat board is {trial.p_value:.2g}"
     if trial.kind == "free" and not (trial.change is not None and trial.change.better):
-        return "freeing every point is not expected to improve the camera"
+        return "estimating every point is not expected to improve the camera"
     return ""
 
 

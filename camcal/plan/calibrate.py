@@ -155,7 +155,7 @@ def _usable(given: Any, known: bool) -> Observations:
     """`usable` of what may be something else."""
     if not isinstance(given, Observations):
         raise UsageError(
-            f"the observations of a camera are needed, not a {type(given).__name__}.",
+            f"the observations of a camera are needed; a {type(given).__name__} was given.",
             "camcal.read_points reads a table; camcal.calibrate_images takes pictures, camcal.calibrate_rig a rig.",
         )
     return usable(given, known)

@@ -72,9 +72,9 @@ def _from_closed_form(found: ClosedForm, stage: Stage, progress: Progress) -> Ch
 def chosen(progress: Progress) -> tuple[list[str], str]:
     """The closed forms for the current rows, the starting one last, and the reason."""
     if progress.options.start_camera is not None:
-        return [], "a camera is given"
+        return [], "a camera was given"
     if progress.options.start is not None:
-        return [progress.options.start], "as asked for"
+        return [progress.options.start], "as requested"
     return shape.choose(progress.data.kept())
 
 
@@ -142,7 +142,7 @@ def _assumed(
         warnings.append(
             CalibrationWarning(
                 "weak-geometry",
-                f"these views hardly determine the closed form: {found.info['degenerate']}.",
+                f"these views barely determine the closed form: {found.info['degenerate']}.",
                 "Add views of the target tilted by 20 to 45 degrees in different directions.",
             )
         )
@@ -160,7 +160,7 @@ def _held_centre(
     names = undetermined_centre(camera, poses, progress.data.kept(), how.fix)
     if not names:
         return {}, ()
-    return dict.fromkeys(("cx", "cy")), (_single_view(["the principal point is that of the start"]),)
+    return dict.fromkeys(("cx", "cy")), (_single_view(["the principal point is that of the initial camera"]),)
 
 
 def _single_view(assumptions: Sequence[str]) -> CalibrationWarning:

@@ -34,7 +34,7 @@ def _make(progress: Progress) -> Change:
     )
     rms = figures.rms_point(residuals(camera, poses, kept))
     seconds = time.perf_counter() - begin
-    stage = Stage(NAME, rms, camera.matrix, seconds, camera=camera, poses=poses, info={"why": "as asked for"})
+    stage = Stage(NAME, rms, camera.matrix, seconds, camera=camera, poses=poses, info={"why": "as requested"})
     return Change(start=Begin(NAME, camera, poses, rms), stage=stage)
 
 
@@ -49,7 +49,7 @@ def camera_of(progress: Progress) -> Camera:
         Where the camera is for pictures of another size, or a closed form is named besides.
     """
     if progress.options.start is not None:
-        raise UsageError("both a closed form and a start camera are given.", "Give one of them.")
+        raise UsageError("a closed form and a start camera were given; one is needed.", "Omit one of them.")
     given = progress.options.start_camera
     theirs = progress.data.image_size
     if isinstance(given, Camera):
@@ -61,7 +61,7 @@ def camera_of(progress: Progress) -> Camera:
     ours = known.image_size
     if ours is not None and theirs is not None and tuple(ours) != tuple(theirs):
         raise UsageError(
-            f"the start camera is for pictures of {ours[0]}x{ours[1]}, these are of {theirs[0]}x{theirs[1]}.",
+            f"the start camera is for pictures of {ours[0]}x{ours[1]} px, but these have {theirs[0]}x{theirs[1]} px.",
             "Give a camera for the same image size, or omit --start-camera.",
         )
     return known

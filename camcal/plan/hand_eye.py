@@ -104,7 +104,7 @@ def find(solution: Solution | RigSolution, robot: RobotPoses, asked: Asked) -> F
     rows, places = matched(robot, ids)
     if not rows:
         raise DataError(
-            f"no view of '{robot.path}' ({robot.names[0]}, ...) is a view of the pictures ({ids[0]}, ...).",
+            f"no view of '{robot.path}' ({robot.names[0]}, ...) is one of the pictures ({ids[0]}, ...).",
             "Use the names of the pictures as view names, with or without folder and extension.",
         )
     require_enough(len(rows))
@@ -132,12 +132,17 @@ def _of_stream(
     """The calibration with poses that have times instead of views."""
     assert robot.times is not None
     if len(robot) < 2:
-        raise DataError(f"'{robot.path}' holds {len(robot)} pose; a stream needs 2 or more.", "Add poses.")
+        raise DataError(
+            f"'{robot.path}' holds {len(robot)} pose; poses with times need to be 2 or more.", "Add poses."
+        )
     times = np.array([_time(v, asked.times) for v in ids])
     require_enough(len(ids))
     factor = next((f for bound, f in STAMPS if robot.times[0] >= bound), 1.0)
     if asked.setup is None:
-        raise UsageError("poses with times require the set-up.", "Add --setup in-hand or --setup to-hand.")
+        raise UsageError(
+            "poses with times require the set-up, which was not given.",
+            "Add --setup in-hand or --setup to-hand.",
+        )
     require_two_axes(_turns(pictures), asked.setup)
     stream = Stream(robot.times / factor, robot.poses(None, asked.inverse))
     begin = offset.search(asked.setup, stream, times, pictures.poses, asked.max_offset)

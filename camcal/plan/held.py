@@ -27,9 +27,9 @@ def held_at_start(
     middle = " (the middle of the picture)" * (size is not None and {"cx", "cy"} & set(held) != set())
     yield CalibrationWarning(
         "held-at-start",
-        f"{f'camera {name}: ' if name else ''}{said} is held at the closed form's estimate, whose error no standard "
-        "deviation contains.",
-        f"Give what is known: --fix {typed}{middle}, or a camera: "
+        f"{f'camera {name}: ' if name else ''}{said} is held at the closed form's estimate, whose error "
+        f"is not included in any standard deviation.",
+        f"Give the known value: --fix {typed}{middle}, or a camera: "
         + (f"--cameras {name}=FILE." if name else "--start-camera FILE."),
         "note",
     )

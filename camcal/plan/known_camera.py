@@ -111,6 +111,6 @@ def _check_size(camera: Camera, correspondences: Observations) -> None:
     ours, theirs = camera.image_size, correspondences.image_size
     if ours is not None and theirs is not None and tuple(ours) != tuple(theirs):
         raise DataError(
-            f"the camera is for pictures of {ours[0]}x{ours[1]}, these are of {theirs[0]}x{theirs[1]}.",
-            "Pictures of the size used in the calibration are needed.",
+            f"the camera is for pictures of {ours[0]}x{ours[1]} px, but these have {theirs[0]}x{theirs[1]} px.",
+            "Use pictures of the size used in the calibration.",
         )

@@ -107,9 +107,9 @@ def _check_scale(pictures: Pictures, rig: Poses, data: Observations) -> None:
         square = float((data.target or {}).get("square") or 0.0)
         wanted = f"Try: --square {scale * square:.4g}" if square else f"Multiply X, Y and Z by {scale:.4g}"
         raise DataError(
-            f"the rig's lengths are {scale:.4g} times as long as the board's: it is in another unit, or its size "
-            "was not given.",
-            f"{wanted}, to have both in the unit of the rig.",
+            f"the rig's lengths are {scale:.4g} times as long as the board's: the rig is in another "
+            f"unit, or its size was not given.",
+            f"{wanted}, so that both are in the unit of the rig.",
         )
 
 

@@ -83,7 +83,7 @@ def _ordinary_or_ranked(
         return _ranked(given, asked, WIDE, f"{ORDINARY} finds no camera ({error.message.rstrip('.')})")
     if why:
         return _ranked(given, asked, models, f"{ORDINARY} is unsuitable: {why}")
-    found = {"chosen": ORDINARY, "why": "an ordinary lens, and the data determine its coefficients"}
+    found = {"chosen": ORDINARY, "why": "an ordinary lens, whose coefficients the data determine"}
     return follow(BETTER, progress), found
 
 
@@ -113,9 +113,9 @@ def _does_not_hold(progress: Progress) -> tuple[str, tuple[str, ...]]:
     if few:
         return few, SMALL
     if any(fit_checks.large_residuals(facts)):
-        return f"it leaves {fit.rms_point:.3g} px", WIDE
+        return f"its rms is {fit.rms_point:.3g} px", WIDE
     if any(lens_checks.outside_domain(facts)):
-        return "its distortion folds back before some of the points", WIDE
+        return "its distortion folds back within the radius of some points", WIDE
     if any(fit_checks.systematic(facts)):
         return "its residuals depend on the distance from the centre", WIDE
     if not fit.fit.converged:

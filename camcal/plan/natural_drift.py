@@ -62,7 +62,7 @@ def follow_scenes(
     if not made:
         raise DataError(
             f"no two pictures of the same instant share {LEAST_MATCHES} points.",
-            "Take pictures of a scene with texture, at the same instant, and check which camera took which.",
+            "Take pictures of a textured scene, at the same instant, and check which camera took which.",
         )
     least = max(rig.rms_point, float(np.median(smooth)))
     return tested(rig, [m.instant for m in made], [], least, false_alarm, tuple(alone), points)
@@ -87,7 +87,8 @@ class _Sides:
                 continue
             if not self.rig.baseline(a, b):
                 raise DataError(
-                    f"cameras '{a}' and '{b}' have the same position: pictures do not show a baseline.",
+                    f"cameras '{a}' and '{b}' have the same position: without a baseline, matches do not "
+                    f"determine their poses.",
                     "Give pictures of a board instead.",
                 )
             rays = [rays_of(self.rig.cameras[n], p, self.free[n]) for n, p in zip((a, b), uv, strict=True)]
@@ -135,7 +136,7 @@ def read_shared(path: str | os.PathLike) -> list[tuple[str, Shared]]:
             points = table.labels["point"][rows]
             if len(np.unique(points)) < len(points):
                 raise DataError(
-                    f"'{path}': view {view} of camera {name} has a point twice.", "Keep one row of each."
+                    f"'{path}': view {view} of camera {name} lists a point twice.", "Keep one row per point."
                 )
             seen[name] = points, table.uv[rows]
         shared = {}

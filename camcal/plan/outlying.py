@@ -1,7 +1,7 @@
 """Attempts that handle outliers, given sigmas, and views that do not belong.
 
 `auto` first fits as if all were well. Only where the residuals speak against that, or where there is no such fit, is
-the camera re-estimated from the points that agree by RANSAC, reweighted by a redescending loss, and fitted to what a
+the camera re-estimated from the points on which RANSAC agrees, reweighted by a redescending loss, and fitted to what a
 stated test keeps. Clean data thus get the least squares answer itself, and pay for one test.
 """
 
@@ -108,7 +108,7 @@ def _reweight(progress: Progress) -> Change:
     made = robust.reweight(
         start, progress.how, LOSSES[LOSS if auto else method], **({"rounds": LOSS_ROUNDS} if auto else {})
     )
-    origin = "all points" if start is progress.plain else "the points that agree by RANSAC"
+    origin = "all points" if start is progress.plain else "the points on which RANSAC agrees"
     return Change(fit=Candidate(made), instead=True, notes={"begun_from": origin})
 
 

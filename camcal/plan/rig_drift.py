@@ -77,7 +77,7 @@ def follow(rig: RigSolution, views: RigViews, false_alarm: float = 1e-6, robust:
     if not made:
         raise DataError(
             "no board was seen by two cameras at the same instant.",
-            "Hold it where their fields of view overlap.",
+            "Hold the board where their fields of view overlap.",
         )
     known, _ = _instants(rig, rig.observations, rig.poses)
     return tested(rig, made, known, rig.rms_point, false_alarm, alone, int(data.used.sum()))

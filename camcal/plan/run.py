@@ -62,7 +62,7 @@ def usable(observations: Observations, known: bool = False) -> Observations:
     _check_range(observations)
     if count > 1 and shape.all_same(observations.views):
         raise DataError(
-            f"all {count} views hold exactly the same points, so they count as one view; different views are needed.",
+            f"all {count} views hold exactly the same points, so they count as one; different views are needed.",
             "Move and tilt the target between views. To calibrate from a single view, keep one copy of it.",
         )
     least = known_pose.LEAST if known else shape.LEAST_3D

@@ -53,7 +53,8 @@ def at_focal_length(camera: Camera, f: float) -> Camera:
     worst = float(np.nanmax(found.errors, initial=0)) if found.covered.all() else np.inf
     if not worst <= EXACT:
         raise EstimationError(
-            f"model '{lens.name}' cannot hold this distortion at another focal length: {worst:.2g} px apart.",
+            f"model '{lens.name}' cannot represent this distortion at another focal length: the error is "
+            f"{worst:.2g} px.",
             "Estimate the distortion with a series model: division:n, brown, polynomial:n.",
         )
     return Camera(lens, found.params, camera.image_size)

@@ -160,6 +160,6 @@ def local_scatter(places: Array, values: Array) -> Array:
 
 def _too_few(name: str, count: int) -> DataError:
     return DataError(
-        f"{name}: {count} points are found in both pictures; {LEAST} are needed.",
-        "Take pictures of a scene with texture, both at the same instant, and check which camera took which.",
+        f"{name}: {count} points were found in both pictures; {LEAST} are needed.",
+        "Take pictures of a textured scene, both at the same instant, and check which camera took which.",
     )

@@ -59,8 +59,8 @@ def of_pictures(
     files = list_pictures(paths)
     if not 2 <= len(files) <= MOST_PICTURES:
         raise DataError(
-            f"pictures given: {len(files)}; 2 to {MOST_PICTURES} are needed.",
-            "Give pictures of one scene from different places.",
+            f"{len(files)} pictures were given; 2 to {MOST_PICTURES} are needed.",
+            "Give pictures of one scene from different positions.",
         )
     found, size = _points(files)
     tell = said or (lambda _: None)
@@ -81,7 +81,7 @@ def of_pictures(
     if not agreed:
         raise DataError(
             f"no two of {len(files)} pictures share {LEAST_MATCHES} points.",
-            "Give pictures of one scene with texture, each overlapping others by half or more.",
+            "Give pictures of one textured scene, each overlapping others by half or more.",
         )
     tracks, count = _tracks(joined, found)
     tell(f"{agreed} pairs agree; {count} points in {len(tracks)} images.")
@@ -95,7 +95,7 @@ def _points(files: Sequence[Path]) -> tuple[list[Points], tuple[int, int]]:
         own = (gray.shape[1], gray.shape[0])
         if size is not None and own != size:
             raise DataError(
-                f"'{path}' is {own[0]}x{own[1]}; {size[0]}x{size[1]} is needed.",
+                f"'{path}' has {own[0]}x{own[1]} px; {size[0]}x{size[1]} is needed.",
                 "All pictures of a camera must have the same size.",
             )
         size = own

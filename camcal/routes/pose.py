@@ -108,7 +108,7 @@ def find(camera: Camera, view: View, robust: str = "auto", seed: int = 0) -> Fou
     rays = camera.unproject(view.uv)
     inside = np.isfinite(rays).all(1)
     if inside.sum() < LEAST:
-        outside = f", {(~inside).sum()} of them outside the camera's domain" if not inside.all() else ""
+        outside = f", {(~inside).sum()} of them outside the lens's domain" if not inside.all() else ""
         raise DataError(
             f"view '{view.id}': {len(view)} points{outside}; a pose needs {LEAST}.", "Add points."
         )
@@ -141,7 +141,9 @@ def fits_mirrored(camera: Camera, view: View, found: Found) -> tuple[float, floa
 def _require_spread(view: View, used: Array) -> None:
     spread = projective.principal_spreads(view.xyz[used])
     if spread[1] <= shape.COLLINEAR * spread[0]:
-        what = "lie on a line: any turn about it" if spread[0] > 0 else "are one point: any turn about it"
+        what = (
+            "lie on a line: any rotation about it" if spread[0] > 0 else "coincide: any rotation about them"
+        )
         raise EstimationError(
             f"view '{view.id}': its {used.sum()} points {what} fits as well, so the pose is undetermined.",
             "Add a point off the line.",
@@ -167,8 +169,8 @@ def _solutions(camera: Camera, view: View, rays: Array, used: Array) -> list[Sol
     if not found:
         raise EstimationError(
             f"view '{view.id}': no pose puts its {len(kept)} points in front of the camera.",
-            "Check that each image point belongs to its object point (of eight or more up to half may be wrong), and "
-            "the order of the columns.",
+            "Check that each image point belongs to its object point (with eight points or more, up to "
+            "half may be wrong), and the order of the columns.",
         )
     found.sort(key=lambda s: s.cost)
     return [s for s in found if _could_be(s, found[0], len(kept))]
@@ -222,7 +224,7 @@ def _require_determined(view: View, normal: Array) -> None:
         known = bool(values[0] > UNDETERMINED**2 * values[-1])
     if not known:
         raise EstimationError(
-            f"view '{view.id}': its points leave the pose undetermined.", "Add points in other places."
+            f"view '{view.id}': its points leave the pose undetermined.", "Add points at other positions."
         )
 
 

@@ -73,7 +73,7 @@ def _of_pictures(paths: list[Path], image_size: tuple[int, int] | None) -> Lines
         own = (gray.shape[1], gray.shape[0])
         if size is not None and own != tuple(size):
             raise DataError(
-                f"'{path}' is {own[0]}x{own[1]}; {size[0]}x{size[1]} is needed.",
+                f"'{path}' has {own[0]}x{own[1]} px; {size[0]}x{size[1]} is needed.",
                 "All pictures of a camera must have the same size.",
             )
         size = own

@@ -53,7 +53,7 @@ def estimate(
     if len(lines) < 2 * LEAST_LINES:
         raise DataError(
             f"{len(lines)} lines found; {2 * LEAST_LINES} in two directions are needed.",
-            "Give a picture with more.",
+            "Give a picture with more lines.",
         )
     assert lines.image_size is not None
     fix = {"aspect": None, **fix} if "fy" not in fix else dict(fix)
@@ -181,11 +181,11 @@ def _undetermined(scene: Scene, sigma: float, width: int) -> EstimationError:
     what = (
         f"{len(far)} of {len(scene.directions)} vanishing points are at infinity"
         if far
-        else "they intersect too far away"
+        else "the lines intersect too far away"
     )
     return EstimationError(
-        f"the vanishing points leave the focal length undetermined (known to {known}): {what}, their directions "
-        "parallel to the picture.",
+        f"the vanishing points leave the focal length undetermined (known to {known}): {what}, since "
+        f"their directions are parallel to the image plane.",
         "Turn the camera so that two directions converge, or give the focal length (--fix fx=VALUE).",
     )
 

@@ -228,8 +228,9 @@ def _focal(known: list[Pair], size: tuple[int, int]) -> float:
     apart = max(epipolar.axes_apart(m, centre) for m in matrices)
     if len(known) == 1 and apart <= assumed_centre.CENTRE * width:
         raise _critical(
-            "the optical axes of the two views meet, or nearly so: the principal points miss the epipolar lines of "
-            f"one another by {apart:.1f} px, and they are known to {assumed_centre.CENTRE * width:.0f} px"
+            "the optical axes of the two views nearly intersect: the distance of the principal points "
+            f"from each other's epipolar lines is {apart:.1f} px, and they are known only to "
+            f"{assumed_centre.CENTRE * width:.0f} px"
         )
     costs = epipolar.focal_costs(matrices, centre, width)
     # with the logarithm, pairs with a sharp minimum dominate, and wrong ones have little weight
@@ -249,7 +250,7 @@ def kruppa_focal(found: SelfCalibration) -> float | None:
 def _critical(what: str) -> EstimationError:
     return EstimationError(
         f"the motion is critical for the focal length: {what}.",
-        "Take more views from other directions, with the camera also rolled and not all looking at one point; or give "
+        "Take more views from other directions, some with the camera rolled, and not all aimed at one point; or give "
         "the focal length (--fix fx=VALUE).",
     )
 
@@ -259,7 +260,7 @@ def _put_together(
 ) -> Bundle:
     begin = first_pair(known, camera, tracks, empty(camera, views, points))
     if begin is None:
-        raise _critical("the views differ by a rotation alone, or their rays meet at less than a degree")
+        raise _critical("the views differ by a rotation alone, or their rays intersect at less than a degree")
     rest = dict.fromkeys(n for n in camera.lens.names[4:] if n != "l1")
     free = free_matrix(camera.lens, camera.params, {"cx": None, "cy": None, "aspect": None, **rest})
     none = free[:, :0]

@@ -129,8 +129,8 @@ def triangulate(cameras: Sequence[PlacedCamera], images: Images, count: int) -> 
     if not found.known.any():
         reason = max(sorted(set(found.reason)), key=found.reason.count)
         raise EstimationError(
-            f"none of {count} points is determined; most often: {reason}.",
-            "Check that the cameras are different ones, and that the images are in their pixels.",
+            f"none of {count} points is determined; the most frequent reason: {reason}.",
+            "Check that the cameras differ, and that the image points are in the pixels of their cameras.",
         )
     return found
 
@@ -186,7 +186,7 @@ def _solve(cameras: Sequence[PlacedCamera], images: Images, used: Array, count: 
     first, _ = _equations(cameras, images, start)
     lost = np.zeros(count, bool)
     np.logical_or.at(lost, images.point[rows], ~np.isfinite(first[rows]).all(1))
-    reason[lost & (reason == "")] = "behind a camera, or outside its domain"
+    reason[lost & (reason == "")] = "behind a camera, or outside the domain of its lens"
     rows &= reason[images.point] == ""
     own = np.flatnonzero(reason == "")
     fit = _adjusted(cameras, images, rows, own, start) if len(own) else None
@@ -325,7 +325,7 @@ def sorted_images(camera: Array, point: Array, uv: Array, sigma: Array | None = 
     if same.any():
         rows = order[[int(same.argmax()), int(same.argmax()) + 1]]
         raise DataError(
-            f"rows {min(rows) + 1} and {max(rows) + 1} of points are the same point in the same camera.",
+            f"rows {min(rows) + 1} and {max(rows) + 1} of the table are the same point in the same camera.",
             "One image of a point in each camera is needed.",
         )
     return (made if sigma is None else replace(made, sigma=sigma[order])), order

@@ -144,7 +144,7 @@ def estimate(
     if not found:
         raise DataError(
             "no two cameras see 16 markers at the same instants.",
-            "Give the tracks of a bar that two or more cameras see together.",
+            "Give the tracks of a bar that two or more cameras see at the same time.",
         )
     begun = tuple(cameras)
     if any(unknown):
@@ -156,7 +156,7 @@ def estimate(
     if wand.known.sum() < LEAST_BARS:
         raise DataError(
             f"{int(wand.known.sum())} instants show the whole bar to two cameras; {LEAST_BARS} are needed.",
-            "Move the bar through the volume for longer.",
+            "Move the bar through the volume for a longer time.",
         )
     fixes = [dict(fix) if not k else None for k in known]
     calibrated = _calibrated(wand, begun, seen, fixes, names)
@@ -346,9 +346,9 @@ def _covariance(fitted: Fitted[Wand], seen: Sightings, names: Sequence[str]) -> 
     reduced, freedom = fitted.normal.reduced(), _freedom(fitted, len(seen))
     if freedom < 1:
         raise EstimationError(
-            f"{len(seen)} images of {len(fitted.normal.blocks)} bars are too few for {len(reduced)} unknowns of "
-            f"{len(names)} cameras.",
-            "Move the bar through the volume for longer.",
+            f"{len(seen)} images of {len(fitted.normal.blocks)} bars are too few for {len(reduced)} "
+            f"unknowns for {len(names)} cameras.",
+            "Move the bar through the volume for a longer time.",
         )
     return np.asarray(bounded_inverse(reduced) * (2 * fitted.normal.cost / freedom))
 
@@ -358,10 +358,10 @@ def _require_fit(found: WandCalibration, seen: Sightings) -> None:
     share = misfit(found.wand.residuals(part), part.uv, part.camera)
     if not share <= LARGE:
         raise EstimationError(
-            f"the tracks are not those of a bar: residuals are {share:.0%} of the spread of the images; noise of their "
-            f"detection explains {LARGE:.0%} at most.",
-            "Check that a view is the same instant in all cameras, which camera is which, and the size of the pictures "
-            "that the known cameras belong to.",
+            f"the tracks are not those of a bar: the residuals are {share:.0%} of the spread of the "
+            f"image points; detection noise explains at most {LARGE:.0%}.",
+            "Check that a view is the same instant in all cameras, which camera is which, and the image "
+            "size of the known cameras.",
         )
 
 

@@ -160,7 +160,7 @@ def chained(made: Sequence[Placed], count: int, names: Sequence[str]) -> tuple[P
                 f"camera{'s' * (len(lost) > 1)} {', '.join(lost)} cannot be placed: {epipolar.LEAST_MATCHES} markers "
                 f"seen together with another camera, {LEAST_BARS} whole bars among them, and rays at an angle of a "
                 "degree are needed.",
-                "Move the bar through the volume that neighbouring cameras see together.",
+                "Move the bar through the volume that neighbouring cameras share.",
             )
         best = max(ways, key=lambda m: m.weight)
         if best.link.first in poses:

@@ -24,9 +24,9 @@ class Parameter(Section):
     value: Annotated[Finite, key("the result")]
     sigma: Annotated[
         Sigma,
-        key("one standard deviation; null of a fixed parameter, `.inf` if the data do not determine it"),
+        key("one standard deviation; null for a fixed parameter, `.inf` if the data do not determine it"),
     ] = None
-    start: Annotated[Finite | UnsetType, key("start of the refinement")] = UNSET
+    start: Annotated[Finite | UnsetType, key("value at the start of the refinement")] = UNSET
     fixed: Annotated[bool, key("whether it was fixed")] = False
 
 
@@ -80,16 +80,16 @@ class Baseline(Section):
 class RigBoard(RigPose, kw_only=True):
     """The pose of one of several boards: x_reference = R x_board + t."""
 
-    reference: Annotated[str, key("the board whose frame is that of the boards")]
+    reference: Annotated[str, key("the board whose frame is the common frame of the boards")]
 
 
 class Rig(Section, kw_only=True):
     """The poses of several cameras relative to one of them."""
 
-    reference: Annotated[str, key("the camera whose frame is that of the rig")]
+    reference: Annotated[str, key("the camera whose frame is the rig's frame")]
     cam_from_rig: Annotated[dict[str, RigPose], key("by name: x_cam = R x_rig + t")]
     rig_from_world: Annotated[
-        RigPose | UnsetType, key("where the file says it: the pose of the rig in the frame of the world")
+        RigPose | UnsetType, key("if the file states it: the pose of the rig in the world frame")
     ] = UNSET
     baselines: Annotated[dict[str, Baseline] | UnsetType, key("distances, by `left-right`")] = UNSET
     boards: Annotated[

@@ -12,10 +12,10 @@ class Fit(Section):
 
     optimizer: Annotated[str, key("as for `--optimizer`")]
     loss: Annotated[str, key("`linear`, or the robust loss")]
-    iterations: Annotated[Count, key("steps that were kept")]
-    evaluations: Annotated[Count, key("evaluations of the residuals")]
+    iterations: Annotated[Count, key("number of accepted steps")]
+    evaluations: Annotated[Count, key("number of evaluations of the residuals")]
     converged: Annotated[bool, key("whether the refinement met its criterion")]
-    stop_reason: Annotated[str, key("why it ended")]
+    stop_reason: Annotated[str, key("why the refinement ended")]
     cost: Annotated[Figure, key("half the weighted sum of squares")]
     seconds: Annotated[Figure, key("time of the refinement")]
     rms_point: Annotated[Figure, key("√(Σ‖r‖²/N), as in [conventions.md](conventions.md)")]
@@ -24,11 +24,11 @@ class Fit(Section):
     sigma_0: Annotated[
         Figure,
         key(
-            "√(Σ w‖r‖² / (2N - p)) with w = 1/sigma² of each point; `sigma_hat` where no sigmas were given. A pure "
-            "number with them: the factor by which they are too small"
+            "√(Σ w‖r‖² / (2N - p)) with w = 1/sigma² of each point; equal to `sigma_hat` where no sigmas "
+            "were given. With sigmas it is dimensionless: the factor by which they are too small"
         ),
     ]
-    median: Annotated[Figure, key("of the lengths of the residuals")]
+    median: Annotated[Figure, key("median length of the residuals")]
     p95: Annotated[Figure, key("95th percentile of the lengths of the residuals")]
     max: Annotated[Figure, key("the longest residual")]
     points_used: Annotated[Count, key("points used by the solution")]
@@ -62,8 +62,8 @@ class UncertaintyMap(Section):
 
     distance: Annotated[Figure, key("from the camera")]
     median: Annotated[Figure, key("over the image")]
-    worst: Annotated[Place, key("the place `u`, `v` and its `sigma_px`")]
-    centre: Annotated[Point, key("the middle of the image, with `distance` and the `covariance`, px²")]
+    worst: Annotated[Place, key("the pixel `u`, `v` and its `sigma_px`")]
+    centre: Annotated[Point, key("the centre of the image, with `distance` and the `covariance`, px²")]
     u: Annotated[list[Figure], key("columns of the grid, px")]
     v: Annotated[list[Figure], key("rows of the grid, px")]
     sigma_px: Annotated[list[list[Figure]], key("of the grid, a list per row")]
@@ -84,7 +84,9 @@ class DifferenceMap(Section):
 
     u: Annotated[list[Figure], key("columns of the grid, px")]
     v: Annotated[list[Figure], key("rows of the grid, px")]
-    found_px: Annotated[list[list[Figure]], key("root mean square over the folds; null where no points are")]
+    found_px: Annotated[
+        list[list[Figure]], key("root mean square over the folds; null where there are no points")
+    ]
     predicted_px: Annotated[list[list[Figure]], key("what noise explains")]
 
 
@@ -93,10 +95,12 @@ class Difference(Section):
 
     median_px: Annotated[Figure, key("median over the image")]
     max_px: Annotated[Figure, key("maximum over the image")]
-    predicted_px: Annotated[Figure, key("the median of what noise explains")]
+    predicted_px: Annotated[Figure, key("median of the difference that noise explains")]
     ratio: Annotated[
         Figure,
-        key("quadratic mean of the differences in units of what noise explains: 1 where the model holds"),
+        key(
+            "root mean square of the differences in units of what noise explains: 1 where the model is valid"
+        ),
     ]
     map: Annotated[DifferenceMap, key("the same on a grid: `u`, `v`, `found_px`, `predicted_px`")]
 
@@ -104,7 +108,7 @@ class Difference(Section):
 class Holdout(Section):
     """Figures on held-out views."""
 
-    views: Annotated[Count, key("number of views held out in turn")]
+    views: Annotated[Count, key("number of views that were held out in turn")]
     folds: Annotated[Count, key("number of rounds")]
     points: Annotated[Count, key("their used points")]
     rms_point: Annotated[
@@ -118,7 +122,7 @@ class ResidualTest(Section):
     """One test of the residuals."""
 
     name: Annotated[str, key("for programs")]
-    question: Annotated[str, key("what it asks")]
+    question: Annotated[str, key("the question that the test answers")]
     statistic: Annotated[Figure, key("the test statistic")]
     p_value: Annotated[Figure, key("probability under noise alone")]
     p_corrected: Annotated[Figure, key("the same, corrected for all tests together (Holm)")]
@@ -132,7 +136,7 @@ class BiasRatio(Section):
     ratio: Annotated[Figure, key("the share that is not noise")]
     detector_sigma: Annotated[
         Figure,
-        key("noise of a coordinate by pieces of the target with poses of their own, px (or in given sigmas)"),
+        key("noise of a coordinate from pieces of the target with separate poses, px (or in given sigmas)"),
     ]
     p_value: Annotated[Figure, key("probability under noise alone")]
     pieces: Annotated[Count, key("number of pieces")]
@@ -142,8 +146,8 @@ class SigmaRatios(Section):
     """Sigmas by resampling views, in units of the reported ones."""
 
     replicates: Annotated[Count, key("of the bootstrap")]
-    jackknife: Annotated[dict[str, Figure], key("by leaving out views, by parameter")]
-    bootstrap: Annotated[dict[str, Figure], key("by drawing views with replacement, by parameter")]
+    jackknife: Annotated[dict[str, Figure], key("by leaving out views, for each parameter")]
+    bootstrap: Annotated[dict[str, Figure], key("by drawing views with replacement, for each parameter")]
 
 
 class Influence(Section):
@@ -160,9 +164,7 @@ class Influence(Section):
 class Bias(Section):
     """Whether the residuals look like noise, and the influence of each view on the camera."""
 
-    tests: Annotated[
-        list[ResidualTest], key("tests of the residuals; [trust.md](trust.md) has what they ask")
-    ]
+    tests: Annotated[list[ResidualTest], key("tests of the residuals; [trust.md](trust.md) describes them")]
     ratio: Annotated[BiasRatio | None, key("the bias ratio")]
     sigma_ratios: Annotated[SigmaRatios | None, key("`replicates`, `jackknife`, `bootstrap`")]
     influence: Annotated[list[Influence] | None, key("per `view`: `cook`, `p_value`, `information`")]
@@ -181,7 +183,7 @@ class Coverage(Section):
 
     image: Annotated[
         Figure,
-        key("share of the picture inside the hull of the used points; null where its size is not known"),
+        key("share of the picture inside the convex hull of the used points; null if its size is not known"),
     ]
     tilt_degrees: Annotated[
         Spread | None, key("angle between a board's normal and the optical axis; null for points in space")

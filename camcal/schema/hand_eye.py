@@ -41,10 +41,10 @@ class Estimated(Section):
 class CameraParameter(Section):
     """A parameter of a camera that was calibrated from the same pictures."""
 
-    value: Annotated[float, key("with the robot's poses")]
+    value: Annotated[float, key("estimated with the robot's poses")]
     sigma: Annotated[float, key("one standard deviation; 0 if it is held")]
-    before: Annotated[float, key("by the pictures alone, as in `camera`")]
-    sigma_before: Annotated[float, key("one standard deviation of that")]
+    before: Annotated[float, key("estimated from the pictures alone, as in `camera`")]
+    sigma_before: Annotated[float, key("its standard deviation")]
 
 
 class Robot(Section):
@@ -73,7 +73,7 @@ class Method(Section):
     name: Annotated[str, key("`tsai`, `park`, `horaud`, `andreff`, `daniilidis`, `shah`, `li`")]
     paper: Annotated[str, key("authors and year")]
     rotation_vector: Annotated[
-        Vector | None, key("of the hand-eye transformation, rad; null where it failed")
+        Vector | None, key("residual of the hand-eye transformation, rad; null where it failed")
     ]
     translation: Annotated[Vector | None, key("of the same")]
     translation_rms: Annotated[Figure, key("residual of the robot's positions")]
@@ -88,7 +88,7 @@ class Motions(Section):
         key("rms rotation about the main axis and the two perpendicular axes, over all pairs of views"),
     ]
     axes: Annotated[list[Vector], key("these axes in the camera's frame")]
-    noise_deg: Annotated[list[Figure], key("the part of them caused by the pictures' noise")]
+    noise_deg: Annotated[list[Figure], key("the part of these rotations that is caused by image noise")]
 
 
 class PoseOfView(Section, kw_only=True):
@@ -96,11 +96,11 @@ class PoseOfView(Section, kw_only=True):
 
     id: Annotated[str, key("of the view")]
     status: Annotated[Literal["used", "outlier"], key("`used` or `outlier`")]
-    base_from_hand: Annotated[PlainPose | UnsetType, key("as estimated, of a used view")] = UNSET
+    base_from_hand: Annotated[PlainPose | UnsetType, key("estimated pose, for a used view")] = UNSET
     translation_residual: Annotated[
         Vector | UnsetType, key("estimated less measured, in the base's frame")
     ] = UNSET
-    rotation_residual_deg: Annotated[Figure | UnsetType, key("angle between both")] = UNSET
+    rotation_residual_deg: Annotated[Figure | UnsetType, key("angle between the two")] = UNSET
 
 
 class NextPose(Section):
@@ -122,11 +122,11 @@ class HandEye(Section, kw_only=True):
     ]
     hand_from_camera: Annotated[KnownPose | UnsetType, key("of a camera in the hand")] = UNSET
     base_from_board: Annotated[
-        KnownPose | UnsetType, key("of a camera in the hand: the pose of the board")
+        KnownPose | UnsetType, key("for a camera in the hand: the pose of the board")
     ] = UNSET
     base_from_camera: Annotated[KnownPose | UnsetType, key("of a camera beside the robot")] = UNSET
     hand_from_board: Annotated[
-        KnownPose | UnsetType, key("of a camera beside the robot: how the hand holds the board")
+        KnownPose | UnsetType, key("for a fixed camera: the pose of the board in the hand")
     ] = UNSET
     robot: Annotated[Robot, key("the robot's accuracy")]
     image: Annotated[Image, key("the pictures' accuracy")]
@@ -134,18 +134,20 @@ class HandEye(Section, kw_only=True):
     outliers: Annotated[Count, key("number of poses not used")]
     rotation: Annotated[str, key("the rotation convention of the poses, as for `--rotation`")]
     methods: Annotated[list[Method], key("the closed forms; the joint estimate begins at the best of them")]
-    motions: Annotated[Motions, key("the turns that the result rests on")]
-    scale: Annotated[Estimated, key("how far the robot moves over what the board's lengths say")]
+    motions: Annotated[Motions, key("the rotations that determine the result")]
+    scale: Annotated[
+        Estimated, key("ratio of the robot's motion to the motion according to the board's lengths")
+    ]
     camera: Annotated[
         dict[str, CameraParameter] | UnsetType,
         key(
-            "of a camera calibrated from the same pictures: its parameters, estimated together with the poses"
+            "for a camera calibrated from the same pictures: its parameters, estimated together with the poses"
         ),
     ] = UNSET
     time_offset: Annotated[
-        Estimated | UnsetType, key("of poses with times: s, to be added to the camera's time")
+        Estimated | UnsetType, key("for poses with times: s, to be added to the camera's time")
     ] = UNSET
-    views: Annotated[list[PoseOfView], key("the robot at each view")]
+    views: Annotated[list[PoseOfView], key("the robot's pose at each view")]
     next: Annotated[
         list[NextPose],
         key("suggested poses that determine the transformation best, each given those before it"),

@@ -38,11 +38,11 @@ class Stage(Section):
     seconds: Annotated[Figure, key("duration")]
     matrix: Annotated[Matrix | None, key("3x3")]
     parameters: Annotated[
-        dict[str, Finite] | UnsetType, key("by name, where the stage has a camera with a lens")
+        dict[str, Finite] | UnsetType, key("by name, if the stage has a camera with a lens")
     ] = UNSET
-    projection_matrix: Annotated[Projection | UnsetType, key("with one view, scaled as at the top level")] = (
-        UNSET
-    )
+    projection_matrix: Annotated[
+        Projection | UnsetType, key("only with one view, scaled as at the top level")
+    ] = UNSET
     info: Annotated[
         dict[str, Any] | UnsetType,
         key("further information: why it was chosen, what it assumed, condition numbers"),
@@ -58,7 +58,7 @@ class Crosscheck(Section):
         Literal["pass", "fail", "not_applicable"],
         key("`pass`, `fail`, or `not_applicable` where cv2 has no counterpart"),
     ]
-    why: Annotated[str | None, key("the reason, and the start of cv2")]
+    why: Annotated[str | None, key("the reason, and where cv2 started")]
     opencv: Annotated[
         dict[str, Any] | None,
         key(
@@ -71,8 +71,9 @@ class Crosscheck(Section):
         key(
             "camcal's value minus cv2's: `rms_point`, and `parameters` by name; `projection_max_px` and "
             "`projection_rms_px`, the difference of projection over the image after the best-fitting rotation; "
-            "`pixels_outside`, pixels of that comparison which a camera does not see; `sigmas`, by how many "
-            "standard deviations all free parameters together differ; of rotations `matrix_max` and `angle_max` "
+            "`pixels_outside`, the number of compared pixels that a camera does not see; `sigmas`, the "
+            "joint difference of all free parameters in standard deviations; of rotations `matrix_max` "
+            "and `angle_max` "
             "(rad)"
         ),
     ]
@@ -84,7 +85,9 @@ class Warning_(Section, kw_only=True):
     code: Annotated[str, key("for programs")]
     severity: Annotated[
         Literal["wrong", "doubtful", "note"] | UnsetType,
-        key("`wrong`: do not use the camera; `doubtful`: worse than it looks; `note`: worth knowing"),
+        key(
+            "`wrong`: do not use the camera; `doubtful`: less accurate than it appears; `note`: worth knowing"
+        ),
     ] = UNSET
     message: Annotated[str, key("in words")]
     hint: Annotated[str, key("one thing to try")]
@@ -95,7 +98,7 @@ class Head(Section, kw_only=True):
 
     schema: Annotated[Literal["camcal-report/1"], key(f"`{SCHEMA}`")] = "camcal-report/1"
     tool: Annotated[Tool, key("versions: `camcal`, `opencv`, `numpy`, `python`")]
-    command: Annotated[list[str], key("the arguments after `camcal`, as typed")]
+    command: Annotated[list[str], key("the command-line arguments after `camcal`, as typed")]
     date: Annotated[
         str | UnsetType | None, key("creation time, UTC (ISO 8601); null with `--reproducible`")
     ] = UNSET
@@ -114,11 +117,11 @@ class Report(Head, kw_only=True):
     target: Annotated[Target | None, key("the calibration object; null for plain points")]
     stages: Annotated[list[Stage], key("every estimate on the way")]
     camera: Annotated[Camera | UnsetType, key("the result")] = UNSET
-    cameras: Annotated[dict[str, Camera] | UnsetType, key("of a rig, in place of `camera`: by name")] = UNSET
-    rig: Annotated[Rig | UnsetType, key("of a rig: the relative poses of its cameras")] = UNSET
+    cameras: Annotated[dict[str, Camera] | UnsetType, key("for a rig, instead of `camera`: by name")] = UNSET
+    rig: Annotated[Rig | UnsetType, key("for a rig: the relative poses of its cameras")] = UNSET
     hand_eye: Annotated[
         HandEye | UnsetType,
-        key("of `camcal hand-eye`: where the camera sits on the robot's hand, or beside it"),
+        key("for `camcal hand-eye`: the pose of the camera on the robot's hand, or beside the robot"),
     ] = UNSET
     selection: Annotated[
         dict[str, Any] | UnsetType,
@@ -139,15 +142,14 @@ class Report(Head, kw_only=True):
     holdout: Annotated[
         Holdout | None,
         key(
-            "figures on views that took no part; null where it was not asked for (`--holdout`) and the problem is "
-            "large"
+            "figures on views that were not used; null if it was not requested (`--holdout`) and the problem is large"
         ),
     ] = None
     bias: Annotated[
         Bias | None,
         key(
-            "whether the residuals look like noise, and the influence of each view on the camera; null of more than "
-            "10,000 points and without checks"
+            "whether the residuals look like noise, and the influence of each view on the camera; null "
+            "for more than 10,000 points and without checks"
         ),
     ] = None
     coverage: Annotated[
@@ -156,7 +158,7 @@ class Report(Head, kw_only=True):
             "how much of the picture, of the directions and of the distances the views cover; null without views"
         ),
     ] = None
-    crosscheck: Annotated[list[Crosscheck], key("every stage against OpenCV")]
+    crosscheck: Annotated[list[Crosscheck], key("every stage compared with OpenCV")]
     warnings: Annotated[
         list[Warning_],
         key("conditions that reduce the value of the result: `code`, `severity`, `message`, `hint`"),
@@ -164,7 +166,7 @@ class Report(Head, kw_only=True):
     verdict: Annotated[Literal["pass", "fail"], key("`pass` or `fail`; `fail` is exit code 1")]
     grade: Annotated[
         Literal["good", "doubtful", "wrong"] | UnsetType,
-        key("the worst severity among the warnings; `good` where there are notes at most"),
+        key("the worst severity among the warnings; `good` if there are at most notes"),
     ] = UNSET
     failures: Annotated[list[str], key("the failed gates, a sentence each")]
     data: Annotated[Data, key("the observations")]

@@ -28,5 +28,6 @@ def check(document: Mapping[str, Any], source: str) -> None:
         )
     if not version.isdigit() or int(version) > VERSION:
         raise DataError(
-            f"'{source}' has schema {found}; this camcal reads {SCHEMA}.", "A newer camcal made it: upgrade."
+            f"'{source}' has schema {found}; this camcal reads {SCHEMA}.",
+            "It was written by a newer camcal: upgrade.",
         )

@@ -22,8 +22,8 @@ from camcal.schema.kinds import (
 class File(Section):
     """One file that was read."""
 
-    path: Annotated[str, key("as it was found")]
-    sha256: Annotated[str, key("of its content")]
+    path: Annotated[str, key("the path under which it was found")]
+    sha256: Annotated[str, key("SHA-256 of its content")]
     taken: Annotated[
         str | UnsetType, key("the camera and focal length that a picture's EXIF block names")
     ] = UNSET
@@ -33,8 +33,8 @@ class Inputs(Section, kw_only=True):
     """The input that was read."""
 
     image_size: Annotated[Size | None, key("[width, height] or null")]
-    image_sizes: Annotated[dict[str, Size | None] | UnsetType, key("of a rig: by camera")] = UNSET
-    instants: Annotated[list[str] | UnsetType, key("of a rig: those that were used, in order")] = UNSET
+    image_sizes: Annotated[dict[str, Size | None] | UnsetType, key("for a rig: by camera")] = UNSET
+    instants: Annotated[list[str] | UnsetType, key("for a rig: the used ones, in order")] = UNSET
     views: Annotated[Count, key("number of views, including unused ones")]
     points: Annotated[Count, key("number of points read")]
     files: Annotated[list[File], key("each with `path` and `sha256`")]
@@ -45,11 +45,11 @@ class TriedShape(Section):
 
     kind: Annotated[str, key("as in `target.shape`")]
     rms_point: Annotated[Figure, key("over the used points")]
-    holdout_rms_point: Annotated[Figure, key("over views held out, 4 folds; null where none were")]
+    holdout_rms_point: Annotated[Figure, key("over held-out views, 4 folds; null without a hold-out")]
     p_value: Annotated[Figure, key("probability that a flat board would look like this")]
     offset_sigma: Annotated[
         Figure | UnsetType,
-        key("of `free`: the deviation of its points' offsets that the best simpler board leaves"),
+        key("for `free`: the deviation of its points' offsets that the best simpler board does not explain"),
     ] = UNSET
     simpler_error_px: Annotated[
         Figure | UnsetType, key("expected error of the camera's projection with the simpler board, px")
@@ -62,14 +62,14 @@ class TriedShape(Section):
 class BoardShape(Section):
     """The shape of one of several boards, as `target.shape` of a board alone has it, in the frame of that board."""
 
-    aspect: Annotated[Figure, key("ratio of the print's scale in y to that in x")]
-    angle: Annotated[Figure, key("angle at which its sides meet, degrees")]
+    aspect: Annotated[Figure, key("ratio of the print's scale in y to its scale in x")]
+    angle: Annotated[Figure, key("angle between its sides, degrees")]
     rms_offset: Annotated[Figure, key("root mean square distance of `points` from `ideal`")]
     max_offset: Annotated[Figure, key("largest distance of `points` from `ideal`")]
     words: Annotated[str, key("the same in a sentence")]
-    points: Annotated[list[Vector], key("where the points are")]
-    ideal: Annotated[list[Vector], key("where they should be")]
-    numbers: Annotated[list[Count], key("the number of each among the points of all boards")]
+    points: Annotated[list[Vector], key("the points' positions")]
+    ideal: Annotated[list[Vector], key("their designed positions")]
+    numbers: Annotated[list[Count], key("the index of each among the points of all boards")]
     kind: Annotated[str | UnsetType, key("`bowl`, `print`, `free`")] = UNSET
 
 
@@ -79,12 +79,13 @@ class Shape(Section, rename={"from_": "from"}):
     kind: Annotated[
         str,
         key(
-            "`flat`, `bowl`, `print`, `free`, of several boards also one each (`bowl+flat`); `known` where it was given"
+            "`flat`, `bowl`, `print`, `free`, for several boards also one kind each (`bowl+flat`); "
+            "`known` if it was given"
         ),
     ]
     p_value: Annotated[Figure | UnsetType, key("probability that a flat board would look like this")] = UNSET
-    aspect: Annotated[Figure | UnsetType, key("ratio of the print's scale in y to that in x")] = UNSET
-    angle: Annotated[Figure | UnsetType, key("angle at which its sides meet, degrees")] = UNSET
+    aspect: Annotated[Figure | UnsetType, key("ratio of the print's scale in y to its scale in x")] = UNSET
+    angle: Annotated[Figure | UnsetType, key("angle between its sides, degrees")] = UNSET
     rms_offset: Annotated[Figure | UnsetType, key("root mean square distance of `points` from `ideal`")] = (
         UNSET
     )
@@ -97,19 +98,21 @@ class Shape(Section, rename={"from_": "from"}):
             "at the scale in which they are nearest to `ideal`"
         ),
     ] = UNSET
-    ideal: Annotated[list[Vector] | UnsetType, key("where they should be")] = UNSET
+    ideal: Annotated[list[Vector] | UnsetType, key("their designed positions")] = UNSET
     boards: Annotated[
         dict[str, BoardShape] | UnsetType,
-        key("of several boards: the shape of each, by its name; boards that are missing are as designed"),
+        key("for several boards: the shape of each, by name; missing boards are as designed"),
     ] = UNSET
     turned: Annotated[
         list[str] | UnsetType,
         key(
-            "views that counted the points from the other end of a board that looks the same after half a turn; "
-            "they were renumbered"
+            "views in which the points of a board that looks the same after a half turn were numbered "
+            "from the other end; they were renumbered"
         ),
     ] = UNSET
-    tried: Annotated[list[TriedShape] | UnsetType, key("with `--board-shape auto`, each kind")] = UNSET
+    tried: Annotated[
+        list[TriedShape] | UnsetType, key("with `--board-shape auto`: each kind that was tried")
+    ] = UNSET
     from_: Annotated[str | UnsetType, key("the report that a `known` shape came from")] = UNSET
 
 
@@ -123,22 +126,22 @@ class Target(Section):
     ] = UNSET
     columns: Annotated[Positive | UnsetType, key("inner corners (squares, tags, discs) in a row")] = UNSET
     rows: Annotated[Positive | UnsetType, key("inner corners (squares, tags, discs) in a column")] = UNSET
-    square: Annotated[Length | UnsetType, key("side of a square, or the distance of neighbours")] = UNSET
-    unit: Annotated[str | UnsetType, key("of `square`; `square` where no length is known")] = UNSET
+    square: Annotated[Length | UnsetType, key("side of a square, or the distance between neighbours")] = UNSET
+    unit: Annotated[str | UnsetType, key("unit of `square`; `square` if no length is known")] = UNSET
     negative: Annotated[
         bool | UnsetType, key("whether black and white are exchanged, in print or in the pictures")
     ] = UNSET
     detected: Annotated[bool | UnsetType, key("whether the size was found in the pictures")] = UNSET
     boards: Annotated[
         list[str] | UnsetType,
-        key("specs of the boards where pictures show several; the other keys are of the first"),
+        key("specs of the boards if pictures show several; the other keys belong to the first"),
     ] = UNSET
     first_ids: Annotated[
-        list[Count] | UnsetType, key("of several boards: the smallest number of a point of each")
+        list[Count] | UnsetType, key("for several boards: the smallest point number of each")
     ] = UNSET
     board_groups: Annotated[
         list[Count] | UnsetType,
-        key("of a rig: which of several boards are fixed to each other, by the number of their group"),
+        key("for a rig: which of several boards are fixed to each other, by the number of their group"),
     ] = UNSET
     board_poses: Annotated[
         list[dict[str, Vector]] | UnsetType,
@@ -147,20 +150,22 @@ class Target(Section):
         ),
     ] = UNSET
     printed: Annotated[
-        bool | UnsetType, key("of a table that says that its points are those of a printed target")
+        bool | UnsetType, key("for a table whose points are marked as those of a printed target")
     ] = UNSET
-    shape: Annotated[Shape | UnsetType, key("where the board's shape was estimated or given")] = UNSET
+    shape: Annotated[Shape | UnsetType, key("if the board's shape was estimated or given")] = UNSET
 
 
 class PoseSigma(Section):
     """Standard deviations of a pose; `.inf` where not determined."""
 
-    rotation: Annotated[tuple[Sigma, Sigma, Sigma], key("of the rotation about the camera's x, y and z, rad")]
+    rotation: Annotated[
+        tuple[Sigma, Sigma, Sigma], key("of the rotation about the camera's x, y and z axes, rad")
+    ]
     centroid: Annotated[
         tuple[Sigma, Sigma, Sigma],
         key(
-            "of the position of the centroid of the view's points, in the unit of the target; a translation is that "
-            "of a frame's origin, which may be far away"
+            "of the position of the centroid of the view's points, in the unit of the target "
+            "(`translation` refers to the origin of the frame, which may be far away)"
         ),
     ]
 
@@ -187,30 +192,30 @@ class View(Section, kw_only=True):
     """One view."""
 
     id: Annotated[str, key("the file's name, or the value of the `view` column")]
-    camera: Annotated[str | UnsetType, key("of a rig: the camera's name")] = UNSET
-    instant: Annotated[str | UnsetType, key("of a rig: pictures of the same instant show the same board")] = (
-        UNSET
-    )
+    camera: Annotated[str | UnsetType, key("for a rig: the camera's name")] = UNSET
+    instant: Annotated[
+        str | UnsetType, key("for a rig: pictures of the same instant show the same board")
+    ] = UNSET
     status: Annotated[
         Literal["used", "rejected", "not_found", "unreadable"],
         key("`used`, `rejected`, `not_found` (no target in the picture), `unreadable`"),
     ]
     reason: Annotated[str | None, key("why it was not used")]
     points: Annotated[Count, key("number of points")]
-    rejected_points: Annotated[Count, key("of a view that was rejected all its points")]
+    rejected_points: Annotated[Count, key("for a rejected view, all of its points")]
     rms_point: Annotated[
         Figure,
         key(
-            "over the used points of the view; of a rejected view over all its points, at the pose with which most "
-            "of them agree"
+            "over the used points of the view; for a rejected view over all its points, at the pose with "
+            "which most of them agree"
         ),
     ]
     cam_from_board: Annotated[
-        BoardPose | None, key("`rotation_vector`, `translation`, `sigma`; null of a view that was not used")
+        BoardPose | None, key("`rotation_vector`, `translation`, `sigma`; null for a view that was not used")
     ]
     rig_from_board: Annotated[
         BoardPose | UnsetType,
-        key("of a rig: the board in the frame of the rig, the same for all of an instant"),
+        key("for a rig: the pose of the board in the frame of the rig, the same for all views of an instant"),
     ] = UNSET
     rejected: Annotated[
         list[RejectedPoint] | UnsetType,
@@ -219,11 +224,12 @@ class View(Section, kw_only=True):
     quality: Annotated[
         dict[str, Any] | UnsetType,
         key(
-            "figures on the picture, where there was one: `blur_px` (sigma of the edges), `blur_ratio` and "
-            "`blur_direction_deg` (how much more, and along which direction, a moved picture is blurred), "
+            "figures on the picture, if there was one: `blur_px` (sigma of the edges), `blur_ratio` and "
+            "`blur_direction_deg` (how much more a picture is blurred by motion, and in which direction), "
             "`contrast` and `noise` (grey levels of 255), `saturated` and `black` (shares of the pixels around "
-            "the board), `square_px`, `coverage` (share of the picture), `warnings` in words, `flow` (of frames of a "
-            "film: how the target moves, eight numbers in px a frame, `camcal/geometry/plane_flow.py`)"
+            "the board), `square_px`, `coverage` (share of the picture), `warnings` in words, `flow` "
+            "(for frames of a film: how the target moves, eight numbers in px per frame, see "
+            "`camcal/geometry/plane_flow.py`)"
         ),
     ] = UNSET
 

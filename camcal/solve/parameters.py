@@ -48,7 +48,8 @@ def apply_fixed(lens: Lens, params: Array, fix: Mapping[str, float | None]) -> A
         fixed = [n for n in ("fx", "fy") if n in fix]
         if len(fixed) == 2:
             raise UsageError(
-                "both fx and fy are fixed, and also their ratio.", "Omit 'aspect', or one of fx and fy."
+                "fx, fy and their ratio are all fixed; at most two of them can be.",
+                "Omit 'aspect', or one of fx and fy.",
             )
         if not fixed:
             params[0] = 0.5 * (params[0] + params[1] / ratio)

@@ -112,7 +112,7 @@ def refine(
     Raises
     ------
     DataError
-        If a view has no point left.
+        If a view has no points left.
     EstimationError
         If there are fewer observations than parameters, or the start does not project.
     """
@@ -337,7 +337,7 @@ def _portions(counts: Sequence[int]) -> Iterator[int]:
 
 def _check_count(kept: Observations, frees: Sequence[Array], places: int) -> None:
     if (np.bincount(kept.view, minlength=len(kept)) == 0).any():
-        raise DataError("a view has no point left.", "Remove that view.")
+        raise DataError("a view has no points left.", "Remove that view.")
     own = sum(f.shape[1] for f in frees) + places
     observed, unknown = 2 * kept.point_count, own + 6 * len(kept)
     if observed < unknown:

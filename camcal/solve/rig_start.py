@@ -200,9 +200,10 @@ def _not_connected(found: Links, names: Sequence[str]) -> EstimationError:
     return EstimationError(
         f"the cameras are not connected: they form {len(parts)} groups that never see a board at the same instant "
         f"({said}).",
-        f"Pictures that connect them: the board seen at one instant by {parts[0][0]} and by {parts[1][0]}, or by any "
-        "other two cameras of these groups. Cameras without a common view: several boards that are fixed to each "
-        "other, and a rig that is turned among them about two axes (docs/rigs.md).",
+        f"Take pictures that connect them: the board seen at one instant by {parts[0][0]} and by "
+        f"{parts[1][0]}, or by any "
+        "other two cameras of these groups. For cameras without a common field of view, fix several "
+        "boards to each other, and rotate the rig among them about two axes (docs/rigs.md).",
     )
 
 

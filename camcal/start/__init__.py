@@ -23,7 +23,7 @@ TOGETHER = {"zhang": "camcal.start.zhang:estimate_all"}
 
 SUMMARIES = {
     "central": "one view of a 3D rig: Barranco & Medel's estimate of the projection matrix, m34 = 1",
-    "claus": "views of planes: rays as a rational function of the pixel, from lifted homographies",
+    "claus": "planes: rays as a rational function of the pixel, from lifted homographies",
     "dlt": "one view of a 3D rig: the homogeneous direct linear transformation, normalised",
     "dlt12": "one view of a 3D rig: the DLT with one radial term, 12 coefficients",
     "dlt14": "one view of a 3D rig: the DLT with three radial terms, 14 coefficients",

@@ -147,7 +147,7 @@ def _require_m34(view: View) -> None:
     )
     if ratio < max(NO_DEPTH, SIGNIFICANT * sigma):
         raise EstimationError(
-            f"m34 is near 0 ({ratio:.1e} ± {sigma:.1e} of the points' depth): the world's origin lies in the "
-            "plane of the camera's centre, and a matrix with m34 = 1 would be dominated by noise.",
-            "Move the world's origin, or use the closed form 'dlt'.",
+            f"m34 is near 0 ({ratio:.1e} ± {sigma:.1e} of the points' depth): the depth of the world "
+            f"origin is near 0, and a matrix scaled to m34 = 1 would be dominated by noise.",
+            "Move the world origin, or use the closed form 'dlt'.",
         )

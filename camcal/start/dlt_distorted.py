@@ -105,7 +105,7 @@ def _solved(view: View, count: int) -> tuple[Array, Array, Array, float, float]:
         if not singular[-1] > UNDETERMINED * singular[0]:
             raise EstimationError(
                 f"view '{view.id}': its {len(view)} points leave the {count} coefficients undetermined.",
-                "Give points all over a volume, or use 'dlt'.",
+                "Use points spread over a volume, or 'dlt'.",
             )
         if np.abs(coefficients - before).max() < SETTLED * max(1.0, np.abs(coefficients).max()):
             break

@@ -107,7 +107,7 @@ def initial_poses(
     if not np.isfinite(translation).all():
         bad = views[int(np.flatnonzero(~np.isfinite(translation).all(1))[0])].id
         raise DataError(
-            f"view {bad}: its points leave its pose undetermined.", "Points in general position are needed."
+            f"view {bad}: its points leave its pose undetermined.", "Use points in general position."
         )
     return Poses(rotation, translation)
 

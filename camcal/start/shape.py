@@ -51,7 +51,7 @@ def _found_unusable(correspondences: Observations, least_3d: int) -> dict[int, s
         elif few_3d[i]:
             found[int(i)] = f"{n} points in space; at least {least_3d} are needed"
         else:
-            found[int(i)] = "its image points lie on a line; a target seen edge-on gives no camera"
+            found[int(i)] = "its image points lie on a line; a target seen edge-on determines no camera"
     return found
 
 
@@ -149,18 +149,16 @@ def _choice(form: Shapes, points: int) -> tuple[list[str], str]:
     if count == 1 and not form.planar[0]:
         return ["central", "dlt"], (
             f"one view of {points} points in space "
-            f"(extent out of the best plane {ratio[0]:.2g} of the largest extent)"
+            f"(their extent off the best plane is {ratio[0]:.2g} of the largest)"
         )
     if form.planar.all():
         bowed = ratio.max()
-        flat = (
-            "on a plane" if bowed < FLAT else f"nearly on a plane (out of it by {bowed:.2g} of their extent)"
-        )
+        flat = "on a plane" if bowed < FLAT else f"nearly on a plane (off it by {bowed:.2g} of their extent)"
         return ["zhang"], f"{count} view{'s' * (count > 1)} of points {flat}"
     spatial = int((~form.planar).sum())
     return [
         "dlt"
-    ], f"{spatial} of {count} views hold points in space: a projection matrix of each, K by the median"
+    ], f"{spatial} of {count} views hold points in space: a projection matrix for each, K as the median"
 
 
 def require_determined(correspondences: Observations, free: Sequence[str]) -> None:
@@ -190,7 +188,7 @@ def require_determined(correspondences: Observations, free: Sequence[str]) -> No
         " (the others repeat them)" if different < len(views) else ""
     )
     raise EstimationError(
-        f"{found} determine{'s' * (different == 1)} {2 * different} entries of the camera's matrix; "
+        f"{found} determine{'s' * (different == 1)} {2 * different} entries of the camera matrix; "
         f"{len(free)} are free ({', '.join(free)}).",
         f"Take {-(-len(free) // 2)} or more views from other directions, or fix some (--fix cx,cy,aspect).",
     )

@@ -86,10 +86,10 @@ def _undetermined(rotation: np.ndarray, planar: bool, uncertainty: float) -> Est
     if planar:
         what = f"the planes are tilted by at most {tilt.max():.1f} degrees"
         if tilt.max() < FRONTO_PARALLEL:
-            what += ", almost parallel to the picture (fronto-parallel)"
+            what += ", almost parallel to the image plane (fronto-parallel)"
     known = f"{uncertainty:.0%}" if np.isfinite(uncertainty) else "nothing"
     return EstimationError(
-        f"radial alignment cannot separate the focal length from the distance: {what}; the focal length would be "
-        f"known to {known}, {UNCERTAIN:.0%} is needed.",
+        f"radial alignment cannot separate the focal length from the distance: {what}; the focal length "
+        f"would be known to {known}; {UNCERTAIN:.0%} is needed.",
         "Tilt the target by 20 to 45 degrees relative to the image plane.",
     )

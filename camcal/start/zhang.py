@@ -155,8 +155,8 @@ def _closed_form(begun: _Begun, of_planes: Poses) -> ClosedForm:
     info["tilt_spread_deg"] = _tilt_spread(poses.rotations, form)
     if count > 1 and info["tilt_spread_deg"] < PARALLEL:
         info["degenerate"] = (
-            f"all {count} planes are parallel to each other within "
-            f"{info['tilt_spread_deg']:.1f} degrees: together they are equivalent to one view"
+            f"all {count} planes are parallel to within "
+            f"{info['tilt_spread_deg']:.1f} degrees, which makes them equivalent to one view"
         )
     matrix = None
     if count == 1:
@@ -282,7 +282,7 @@ def _intrinsics(
     """K with the fewest assumptions that give a real, plausible and determined camera, and its figures."""
     count = len(planes.h)
     if planes.visible < VISIBLE:
-        found = f"their perspective is {planes.visible:.1f} times its noise, at least {VISIBLE:g} is needed"
+        found = f"their perspective is {planes.visible:.1f} times its noise; at least {VISIBLE:g} is needed"
         raise _fronto_parallel(count, found)
     to_unit, where = assumptions.unit_coordinates(correspondences)
     # each homography scaled so that h1 and h2 have unit length on the average: equations of equal weight

@@ -42,13 +42,17 @@ def check_writable(path: str | os.PathLike, force: bool = False) -> None:
     """
     target = Path(path)
     if os.fspath(path) == "-":
-        raise UsageError("'-' is not a file name.", "Without -o results go to stdout; --format yaml or json.")
+        raise UsageError(
+            "'-' is not a file name.", "Without -o, results go to stdout, with --format as YAML or JSON."
+        )
     if target.is_dir():
         raise UsageError(f"cannot write '{target}': it is a folder.", "Give the name of a file.")
     folder = target.parent
     if not folder.is_dir():
         found = "is a file" if folder.exists() else "does not exist"
-        raise UsageError(f"cannot write '{target}': the folder '{folder}' {found}.", "Make the folder first.")
+        raise UsageError(
+            f"cannot write '{target}': the folder '{folder}' {found}.", "Create the folder first."
+        )
     if is_special(target):
         if not os.access(target, os.W_OK):
             raise UsageError(f"cannot write '{target}': permission denied.", "Choose another file.")

@@ -55,7 +55,7 @@ def test_the_size_of_a_decompressed_variable(monkeypatch):
         if read:
             assert list(mat5._variables(elements)) == [b"12345678"]
         else:
-            with pytest.raises(ValueError, match="a variable of more than"):
+            with pytest.raises(ValueError, match="a variable has more than"):
                 list(mat5._variables(elements))
 
 

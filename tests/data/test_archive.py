@@ -88,7 +88,7 @@ def with_value(array, place, value):
         ({"xyz": XYZ, "uv": UV, "id": np.arange(6) / 2}, r"row \[1\]: id is 0.5; a whole number"),
         ({"xyz": XYZ, "uv": UV, "view": ["a"] * 5}, r"view holds <U1 of shape \(5,\)"),
         ({"xyz": XYZ, "uv": UV, "view": ["a", ""] * 3}, r"view\[1\] is empty"),
-        ({"xyz": XYZ, "uv": STACK, "view": ["a", "b", "a"]}, "3 stacked views have 2 names"),
+        ({"xyz": XYZ, "uv": STACK, "view": ["a", "b", "a"]}, "3 stacked views were found, but 2 names"),
         ({"xyz": XYZ, "uv": UV, "image_size": [640, 0]}, r"image_size is \[640, 0\]"),
         (
             {"xyz": XYZ[[0, 1, 0]], "uv": UV[:3]},
@@ -114,11 +114,11 @@ def test_broken_archives(tmp_path, cut):
 def test_a_single_array(tmp_path):
     np.save(tmp_path / "p.npy", XYZ)
     (tmp_path / "p.npy").rename(tmp_path / "p.npz")
-    with pytest.raises(DataError, match="a single array; an archive is needed"):
+    with pytest.raises(DataError, match="a single array was found; an archive is needed"):
         read_points(tmp_path / "p.npz")
 
 
 def test_the_image_size_must_agree(tmp_path):
     np.savez(tmp_path / "p.npz", xyz=XYZ, uv=UV, image_size=[640, 480])
-    with pytest.raises(DataError, match="pictures of 640x480; 800x600 is needed"):
+    with pytest.raises(DataError, match="pictures have 640x480 px; 800x600 is needed"):
         read_points(tmp_path / "p.npz", image_size=(800, 600))

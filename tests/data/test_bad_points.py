@@ -115,7 +115,7 @@ def test_bad_headers(tmp_path, header, message, hint):
 def test_wrong_number_of_columns_without_a_header(tmp_path, row, count):
     error = refused(tmp_path, f"# nothing known\n\n{row}\n{row}\n")
     assert error.message.startswith(
-        f"p.csv:3: {count} found; without a header 4 (X Y u v), 5 (X Y Z u v) or 6"
+        f"p.csv:3: {count} found; without a header, 4 (X Y u v), 5 (X Y Z u v) or 6"
     )
 
 
@@ -159,14 +159,14 @@ def test_unreadable_file(tmp_path):
 def test_the_same_row_twice(tmp_path):
     error = refused(tmp_path, "\n".join([HEADER, *GOOD, GOOD[3]]))
     assert error.message == (
-        "p.csv:22: the point (3, 0, 0) is given a second time in view 'a', after line 5, with the same pixel."
+        "p.csv:22: the point (3, 0, 0) is given a second time in view 'a', after line 5, with the same image point."
     )
 
 
 def test_a_point_with_two_pixels(tmp_path):
     error = refused(tmp_path, "\n".join([HEADER, *GOOD, "a,3.0,-0.0,0,1,1"]))
     assert error.message == (
-        "p.csv:22: the point (3, 0, 0) is given a second time in view 'a', after line 5, with another pixel."
+        "p.csv:22: the point (3, 0, 0) is given a second time in view 'a', after line 5, with another image point."
     )
 
 
@@ -207,7 +207,7 @@ def board(order: str) -> list[str]:
 @pytest.mark.parametrize("order", ["uvZXY", "uvXYZ", "uvXY"])
 def test_pixels_in_front_of_the_board_are_refused_without_a_header(tmp_path, order):
     error = refused(tmp_path, "\n".join(board(order)))
-    assert "like a board, and X and Y are scattered, like pixels" in error.message
+    assert "like a board, and X and Y are scattered, like image points" in error.message
     assert "Name the columns" in error.hint
 
 
@@ -252,4 +252,4 @@ def test_exchanged_columns_are_told_by_two_views(tmp_path):
         for (x, y), (u, v) in zip(rng.uniform(0, 400, (30, 2)), board, strict=True)
     ]
     error = refused(tmp_path, "\n".join([HEADER, *rows]))
-    assert "exactly the same in two views" in error.message and "Exchange" in error.hint
+    assert "identical in two views" in error.message and "Exchange" in error.hint

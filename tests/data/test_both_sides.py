@@ -99,9 +99,9 @@ def test_models_that_a_message_names():
 
 
 def test_the_message_about_a_literal():
-    with pytest.raises(ValueError, match="no Python literal") as error:
+    with pytest.raises(ValueError, match="not a Python literal") as error:
         literal.literal("[" * 5 + "x" * 500)
-    assert len(str(error.value)) <= len("no Python literal: ") + literal.LONGEST
+    assert len(str(error.value)) <= len("not a Python literal: ") + literal.LONGEST
 
 
 def test_a_fold_is_not_jumped_over():

@@ -136,7 +136,7 @@ def test_calibio(tmp_path):
     assert [len(v) for v in whole.views] == [6, 6]
     short = json.loads(calibio(ids=False, cameras=1))
     short["detections"][0]["featurePoints"].pop()
-    with pytest.raises(DataError, match="5 corners without ids"):
+    with pytest.raises(DataError, match="5 corners have no ids"):
         read_points(put(tmp_path, "short.json", json.dumps(short)))
 
 

@@ -36,7 +36,7 @@ def test_names_and_numbers(tmp_path, text):
     [
         ("camera,point,u\n1,1,2\n", "lacks v"),
         ("camera,point,u,v,x\n1,1,2,3,4\n", "two columns mean u"),
-        ("camera,point,u,v\n1,1,2\n", "3 fields found, 4"),
+        ("camera,point,u,v\n1,1,2\n", "3 fields found; 4"),
         ("camera,point,u,v\n1,1,2,abc\n", "'abc' is not a number"),
         ("camera,point,u,v\n1,1,2,nan\n", "finite number"),
         ("camera,point,u,v\n", "no rows"),
@@ -71,7 +71,7 @@ def test_what_is_no_dlt_file_is_refused(tmp_path):
         (["left,right", *good], r"header \(left, right\)"),
         ([*good[:4], "x,1", *good[5:]], "row 5 holds 'x'"),
         ([*good[:4], "1", *good[5:]], "row 5 holds 1 numbers, the first 2"),
-        (["0,0"] * 11, "column 1: the coefficients are of no camera"),
+        (["0,0"] * 11, "column 1: the coefficients do not describe a camera"),
     ):
         with pytest.raises(DataError, match=said):
             read_dlt(written(tmp_path, "\n".join(rows)))

@@ -57,16 +57,16 @@ def test_views_ids_and_sigmas_come_from_either_file(pair):
     ("world", "image", "message"),
     [
         (WORLD + "7 8 9\n", IMAGE, r"w\.txt holds 3 points and .*i\.txt holds 2; the same number is needed"),
-        (IMAGE, WORLD, r"i\.txt:1: 3 columns found; without a header 2 \(u v\) are needed"),
+        (IMAGE, WORLD, r"i\.txt:1: 3 columns found; without a header, 2 \(u v\) are needed"),
         (
             "1 2 3 4\n",
             IMAGE,
-            r"w\.txt:1: 4 columns found; without a header 3 \(X Y Z\) or 2",
+            r"w\.txt:1: 4 columns found; without a header, 3 \(X Y Z\) or 2",
         ),
         ("1 two 3\n4 5 6\n", IMAGE, r"w\.txt:1: Y: 'two' is not a number"),
         ("one 2 3\n4 5 6\n", IMAGE, r"w\.txt:1: X: 'one' is not a number"),
         (WORLD, "u v\n100 200\n300 x\n", r"i\.txt:3: v: 'x' is not a number"),
-        (WORLD, "u v\n", r"i\.txt: a header but no rows"),
+        (WORLD, "u v\n", r"i\.txt: the file has a header but no rows"),
         ("id X Y\n1 1 2\n2 4 5\n", "id u v\n1 1 2\n3 4 5\n", r"w\.txt:3 has id 2, .*i\.txt:3 has id 3"),
         (
             "view X Y\na 1 2\nb 4 5\n",
@@ -88,7 +88,7 @@ def test_what_does_not_go_together(pair, world, image, message):
 
 
 def test_half_a_pair_or_too_much(tmp_path):
-    with pytest.raises(UsageError, match="one file of 3D and one of 2D"):
+    with pytest.raises(UsageError, match="a file of 3D points and one of 2D"):
         read_points(points3d=tmp_path / "w.txt")
-    with pytest.raises(UsageError, match="one file of 3D and one of 2D"):
+    with pytest.raises(UsageError, match="a file of 3D points and one of 2D"):
         read_points("p.csv", points3d="w.txt", points2d="i.txt")

@@ -137,7 +137,7 @@ def test_what_is_written_reads_back(tmp_path, suffix):
 
 
 def test_vnl_refuses_what_it_cannot_hold(tmp_path):
-    with pytest.raises(UsageError, match="blank"):
+    with pytest.raises(UsageError, match="space"):
         write_points(tmp_path / "p.vnl", board(("a b.jpg", "c.jpg")))
     scattered = Correspondences.from_views(
         [(np.random.default_rng(1).uniform(0, 1, (9, 3)), np.zeros((9, 2)))]

@@ -106,7 +106,7 @@ def test_inverse_and_unit(tmp_path):
         (
             "view,x,y,z,rx,ry,rz\nv,1,2,3,0,0,0\nv,1,2,3,0,0,0\n",
             DataError,
-            "p.csv:3: the view 'v' has a pose in line 2",
+            "p.csv:3: the view 'v' has a pose already, in line 2",
         ),
         ("view,x,y,z,rx,ry,rz\nv,1,2,3,0,0,a\n", DataError, "'a' is not a number"),
         ("view,x,y,z,rx,ry,rz\nv,1,2,3,0,0,nan\n", DataError, "a finite number is needed"),

@@ -364,7 +364,7 @@ def test_pictures_with_a_covered_row_are_left_out_with_the_reason(tmp_path):
     found = detect_images([covered(tmp_path, ["", "left", "", ""])], jobs=1, cache=False)
     assert (found.target["columns"], found.target["rows"]) == (8, 5) and len(found.views) == 3
     assert [s.id for s in found.skipped] == ["v1.png"]
-    assert "board of 7x5 corners, not 8x5, or something covers its outer rows" in found.skipped[0].reason
+    assert "board of 7x5 corners, not 8x5, or its outer rows are covered" in found.skipped[0].reason
 
 
 def test_different_parts_of_a_board_are_not_taken_for_boards(tmp_path):

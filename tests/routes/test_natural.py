@@ -97,7 +97,7 @@ def test_a_wide_pair():
 
 def test_too_few_matches():
     pair = rectify(camera(), camera(), POSE)
-    with pytest.raises(DataError, match="7 points are found in both pictures; 8 are needed"):
+    with pytest.raises(DataError, match="7 points were found in both pictures; 8 are needed"):
         judge(pair, *(p[:7] for p in matched(camera(), camera(), POSE, wrong=0)))
 
 

@@ -123,7 +123,7 @@ def test_nearly_all_outliers_are_found_at_40_percent_and_no_good_point_is_lost()
 def test_how_it_was_done_is_said():
     data, rng = boards(2)
     said = robust(spoilt(data, 0.2, rng)).fit.info["robust"]
-    assert said["begun_from"] == "the points that agree by RANSAC"
+    assert said["begun_from"] == "the points on which RANSAC agrees"
     # the median of all points is the 0.5 / 0.8 quantile of the good ones, 1.19 times as large; 4 % from 540
     assert said["sigma"] == pytest.approx(1.19 * 0.2, rel=0.12)
     assert said["ransac_confidence"] == ransac.CONFIDENCE

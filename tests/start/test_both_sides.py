@@ -55,7 +55,7 @@ def test_enough_points(points, least):
 
 
 def test_a_plane_but_for_rounding():
-    for out, words in ((0.5 * shape.FLAT, "on a plane"), (2 * shape.FLAT, "nearly on a plane (out of it by")):
+    for out, words in ((0.5 * shape.FLAT, "on a plane"), (2 * shape.FLAT, "nearly on a plane (off it by")):
         xyz = board()
         xyz[::2, 2] = out * np.ptp(xyz[:, 0])
         why = shape.choose(seen(xyz, 900 * xyz[:, :2] + 100))[1]

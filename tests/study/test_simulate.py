@@ -138,7 +138,7 @@ def test_poses_keep_the_board_in_the_picture(model):
 
 def test_impossible_poses_are_said():
     camera, rng = example_camera("opencv5"), np.random.default_rng(0)
-    with pytest.raises(UsageError, match="no pose shows the whole object at a size of 300%") as error:
+    with pytest.raises(UsageError, match="no pose shows the whole object at 300%") as error:
         simulate_poses(corner_rig(), camera, rng, 1, Spread(fill=(3.0, 3.0)))
     assert "--fill" in error.value.hint
 

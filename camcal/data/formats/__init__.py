@@ -70,7 +70,7 @@ SUMMARIES: dict[str, str] = {
     "matlab": "MATLAB cameraParameters as a struct (.mat); stereo pairs",
     "metashape": "Agisoft Metashape: exported cameras and lens files (XML)",
     "dbat": "DBAT camera XML, millimetres; its distortion is refitted",
-    "micmac": "MicMac AutoCal XML, radial about a centre of its own",
+    "micmac": "MicMac AutoCal XML, radial about a distortion centre",
     "visp": "ViSP camera XML: one radial term",
     "pix4d": "Pix4D calibrated_camera_parameters.txt, with poses",
     "photonvision": "PhotonVision calibration JSON",

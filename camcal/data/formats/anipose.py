@@ -48,7 +48,7 @@ def _read(source: Source) -> CameraFile:
     found, notes = [], []
     for key, table in _tables(source).items():
         if table.get("ignore"):
-            notes.append(f"camera '{key}' is marked as ignored; it is read nevertheless")
+            notes.append(f"camera '{key}' is marked as ignored; it was read anyway")
         found.append(NamedCamera(str(table.get("name", key)), _camera(table), _pose(table)))
     return CameraFile(tuple(found), tuple(notes))
 
@@ -154,7 +154,9 @@ FORMAT = Format(
     MODELS,
     **_COMMON,
     order=_ORDER + ", R as a rotation vector",
-    traps=("The unit of the translations is that of the board at calibration; the file does not say it.",),
+    traps=(
+        "The translations are in the unit of the board used in the calibration, which the file does not state.",
+    ),
     source="anipose, aniposelib.cameras",
 )
 CALISCOPE = Format(
@@ -167,7 +169,7 @@ CALISCOPE = Format(
     MODELS,
     **_COMMON,
     order=_ORDER + ", R as a matrix (a rotation vector in newer files)",
-    traps=("Older files call the camera cam_id or port; the table's own name is its name here.",),
+    traps=("Older files call the camera cam_id or port; here the name of the table is used.",),
     source="caliscope, camera_array.toml",
 )
 POSE2SIM = Format(
@@ -180,6 +182,6 @@ POSE2SIM = Format(
     ("opencv4", "kb4"),
     **_COMMON,
     order=_ORDER + ", R as a rotation vector; metres",
-    traps=("Four coefficients: k3 is refused or refitted.",),
+    traps=("It has four coefficients: k3 is refused or refitted.",),
     source="Pose2Sim, calibration",
 )

@@ -212,8 +212,9 @@ def size_needed(source: Source) -> tuple[int, int]:
     size = size_said(source)
     if size is None:
         raise DataError(
-            "it has no image size.",
-            "Give --image-size WxH; where a command has no such option: camcal convert FILE cam.yaml --image-size WxH",
+            "the image size is missing.",
+            "Give --image-size WxH, or in a command without that option first run: camcal convert FILE "
+            "cam.yaml --image-size WxH",
         )
     return size
 

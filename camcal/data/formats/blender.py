@@ -45,7 +45,7 @@ def _values(source: Source) -> dict[str, Any]:
             found[name] = literal(value)
         except ValueError:
             raise DataError(
-                f"camera.{name} is not a number, a text or a tuple.", "Is it a preset of Blender?"
+                f"camera.{name} is not a number, a text or a tuple.", "Is it a Blender preset?"
             ) from None
     return found
 
@@ -94,12 +94,14 @@ def _nuke(matrix: Any, size: tuple[int, int], terms: list[float], focal: float) 
 
     if not any(terms):
         return polynomial(matrix, size)
-    return backward_camera("NUKE", "it is stated from the picture to the scene", matrix, size, undistort)
+    return backward_camera(
+        "NUKE", "its distortion is defined from the image to the scene", matrix, size, undistort
+    )
 
 
 def _write(cameras: CameraFile, suffix: str) -> str:
     named = cameras.cameras[0]
-    _, terms = choose(named.camera, MODELS, "a camera preset of Blender")
+    _, terms = choose(named.camera, MODELS, "a Blender camera preset")
     width, height = named.camera.image_size
     k, (p1, p2) = terms.get("k1", "k2", "k3", "k4"), terms.get("p1", "p2")
     values: dict[str, Any] = {
@@ -136,7 +138,7 @@ def _literal(value: Any) -> str:
 
 FORMAT = Format(
     "blender",
-    "a camera preset of Blender",
+    "a Blender camera preset",
     (".py",),
     _sniff,
     _read,
@@ -149,7 +151,7 @@ FORMAT = Format(
         "brown_p1 acts on x and brown_p2 on y, which points up: OpenCV's p2 and -p1.",
         "pixel_aspect is the width of a pixel over its height: fy = pixel_aspect fx.",
         "Blender's own presets hold neither a principal point (the middle is taken) nor the image size: --image-size.",
-        "DIVISION goes from the scene to the picture, unlike the division model of the literature.",
+        "DIVISION is defined from the scene to the image, unlike the division model of the literature.",
         "NUKE has no exact counterpart: it is refitted.",
     ),
     source="Blender, presets/tracking_camera and bpy.types.MovieTrackingCamera; libmv, distortion_models.h",

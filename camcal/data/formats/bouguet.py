@@ -91,7 +91,7 @@ def _terms(terms: Terms, end: str) -> dict[str, list[float]]:
 def _write(cameras: CameraFile, suffix: str) -> str | bytes:
     if len(cameras.cameras) > 2:
         raise UsageError(
-            "Bouguet's toolbox has files of one camera or two.", f"Choose one: --camera {cameras.names[0]}"
+            "files of Bouguet's toolbox hold one camera or two.", f"Choose one: --camera {cameras.names[0]}"
         )
     width, height = cameras.cameras[0].camera.image_size
     if len(cameras.cameras) == 1:
@@ -101,7 +101,8 @@ def _write(cameras: CameraFile, suffix: str) -> str | bytes:
         values |= _between(cameras)
         if cameras.cameras[1].camera.image_size != (width, height):
             raise UsageError(
-                "Bouguet's stereo file has one image size.", "Write one file each: Calib_{camera}.m"
+                "a stereo file of Bouguet's toolbox has one image size for both cameras.",
+                "Write a file for each camera: Calib_{camera}.m",
             )
     if suffix == ".mat":
         from scipy.io import savemat
@@ -139,8 +140,8 @@ FORMAT = Format(
     order="fc, cc, alpha_c (skew over fx), kc = k1 k2 p1 p2 k3; om, T: x_right = R x_left + T",
     traps=(
         "The toolbox counts pixels from 0, unlike MATLAB's own functions.",
-        "The script is read line by line; nothing of it is run.",
-        "The .mat of one camera holds the skew as alpha_c, to be multiplied by fc(1).",
+        "The script is read line by line and not executed.",
+        "The .mat file of one camera holds the skew as alpha_c, which has to be multiplied by fc(1).",
     ),
     source="J.-Y. Bouguet, Camera Calibration Toolbox for MATLAB, description of the parameters",
 )

@@ -74,8 +74,8 @@ def checked(named: NamedCamera) -> NamedCamera:
             least = np.nextafter(0, 1) if parameter.group == "focal" else parameter.lower
             if not least <= value <= parameter.upper:
                 raise DataError(
-                    f"camera '{named.name}': {parameter.name} = {value:g} is outside of what the model "
-                    f"'{camera.lens.name}' allows.",
+                    f"camera '{named.name}': {parameter.name} = {value:g} is outside the range of the "
+                    f"model '{camera.lens.name}'.",
                     "Is the file damaged?",
                 )
     return named if pose is None else replace(named, pose=rigid(pose, named.name))
@@ -85,7 +85,7 @@ def rigid(pose: Pose, name: str) -> Pose:
     """A pose with an exactly orthonormal rotation; DataError if the matrix is not a rotation."""
     r, t = np.asarray(pose.rotation, float).reshape(3, 3), np.asarray(pose.translation, float).reshape(3)
     if not (np.isfinite(r).all() and np.isfinite(t).all()):
-        raise DataError(f"camera '{name}': a pose that is not finite.", "Is the file damaged?")
+        raise DataError(f"camera '{name}': its pose is not finite.", "Is the file damaged?")
     away = float(np.abs(r @ r.T - np.eye(3)).max())
     if away > ROTATION or np.linalg.det(r) < 0:
         raise DataError(

@@ -177,7 +177,7 @@ def _camera(model: str, size: Size, p: list[float]) -> Any:
         return camera_of("division:1", matrix, size, {"l1": d[0]})
     if model in ("THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE"):
         forward = _thin_prism(d) if model[0] == "T" else rad_tan_thin_prism(d)
-        reason = "camcal has no decentering and thin prism after a fisheye lens"
+        reason = "camcal has no decentering or thin-prism terms for a fisheye lens"
         return foreign_camera(f"COLMAP's {model}", reason, matrix, size, forward, at_angle)
     return polynomial(matrix, size, [*d[:2], *d[4:5]], d[2:4], denominator=d[5:8])
 
@@ -274,8 +274,9 @@ FORMAT = Format(
     order="f or fx fy, cx cy, then OpenCV's order; rigs.txt: quaternion w x y z and translation, sensor_from_rig",
     traps=(
         "The principal point is half a pixel larger than OpenCV's.",
-        "A file of several cameras without rigs.txt has no poses between them.",
-        "FOV and the fisheye models are functions of the angle: `FOV` is Devernay and Faugeras' with w in rad.",
+        "Without rigs.txt, a file of several cameras has no relative poses.",
+        "FOV and the fisheye models are functions of the angle: `FOV` is the model of Devernay and "
+        "Faugeras, with w in rad.",
         "THIN_PRISM_FISHEYE and RAD_TAN_THIN_PRISM_FISHEYE have no counterpart here: they are refitted.",
     ),
     source="COLMAP, documentation (cameras, output format, FAQ) and src/colmap/sensor/models.h",

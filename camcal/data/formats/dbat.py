@@ -45,19 +45,22 @@ def _camera(c: Element) -> object:
     f, pp = _numbers(c, "cc"), _numbers(c, "pp", "0,0")
     if f[0] <= 0 or len(pp) != 2:
         raise DataError(
-            "the camera is not calibrated: its cc is 0.", "Calibrate it in DBAT first, or give its numbers."
+            "the camera is not calibrated: its cc is 0.",
+            "Calibrate it in DBAT first, or enter its parameters.",
         )
     aspect, skew = float(_numbers(c, "aspect", "1")[0]), float(_numbers(c, "skew")[0])
     words = [w.strip() for w in (c.findtext("sensor") or "").split(",")]
     if len(words) != 2:
-        raise ValueError("the sensor has no two sides")
+        raise ValueError("the size of the sensor is not two numbers")
     height = float(words[1])
     width = height * size[0] / size[1] * aspect if words[0] == "auto" else float(words[0])
     px, py = width / size[0], height / size[1]
     if not (px > 0 and py > 0):
-        raise ValueError("a sensor without extent")
+        raise ValueError("the size of the sensor is not positive")
     if skew:
-        raise DataError("a skew, whose definition camcal does not know for DBAT.", "Calibrate without skew.")
+        raise DataError(
+            "it has a skew, whose definition in DBAT camcal does not know.", "Calibrate without skew."
+        )
     matrix = (f[0] / px, f[0] / py, pp[0] / px - HALF, pp[1] / py - HALF, 0.0)
     k, p = _numbers(c, "K"), np.r_[_numbers(c, "P"), 0.0, 0.0][:2]
     if not k.any() and not p.any():
@@ -71,9 +74,7 @@ def _camera(c: Element) -> object:
         bent_y = y + y * radial + 2 * p[0] * x * y + p[1] * (r2 + 2 * y * y)
         return np.c_[bent_x, bent_y] / f[0]
 
-    reason = (
-        "K1, K2, ... go from the picture to the scene (backward), camcal's series goes the other direction"
-    )
+    reason = "K1, K2, ... are defined from the image to the scene (backward), camcal's series in the other direction"
     return backward_camera("DBAT's lens distortion", reason, matrix, size, undistort)
 
 
@@ -81,7 +82,7 @@ def _write(cameras: CameraFile, suffix: str) -> str:
     lines = ['<document dbat_camera_version="1.0">', "  <cameras>"]
     for i, named in enumerate(cameras.cameras, 1):
         _, terms = choose(
-            named.camera, MODELS, "a DBAT file, whose series goes from the picture to the scene,"
+            named.camera, MODELS, "a DBAT file, whose series is defined from the image to the scene,"
         )
         width, height = named.camera.image_size
         f = terms.fx * PIXEL
@@ -118,11 +119,12 @@ FORMAT = Format(
     MODELS,
     several=True,
     centre="(0.5, 0.5), from the corner of the sensor",
-    order="cc, pp in mm; K1 K2 K3 and P1 P2 in powers of mm, from the picture to the scene",
+    order="cc, pp in mm; K1 K2 K3 and P1 P2 in powers of mm, from the image to the scene",
     traps=(
-        "K and P correct the picture (backward): a camera with them has no exact counterpart and is refitted.",
+        "K and P correct image points (backward): a camera that has them has no exact counterpart and is refitted.",
         "A file with cc = 0 is not calibrated and is refused.",
-        "Written are cameras without distortion only, with pixels of 0.005 mm: the file has no size of the pixel.",
+        "Only cameras without distortion are written, with pixels of 0.005 mm: the file does not state "
+        "the pixel size.",
     ),
     source="DBAT, res_euler_brown_3; PhotoModeler's camera files",
 )

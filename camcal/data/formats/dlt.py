@@ -70,11 +70,12 @@ FORMAT = Format(
     several=True,
     poses=True,
     size=False,
-    centre="as the user's pixels",
+    centre="as in the program that digitised",
     order="L1 to L11, a column for each camera",
     traps=(
-        "The pixels are those of the program that digitised: DLTdv counts v from the bottom.",
-        "The file says neither the size of the image nor a distortion.",
+        "The pixel coordinates are those of the program that digitised: in DLTdv v increases upwards "
+        "from the bottom.",
+        "The file states neither the image size nor a distortion.",
     ),
     source="DLTdv, Argus, easyWand, StereoMorph; Abdel-Aziz & Karara (1971)",
 )

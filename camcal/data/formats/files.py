@@ -49,7 +49,7 @@ def read(
     name : str, optional
         The format; found out from the content otherwise.
     image_size : (width, height), optional
-        Of cameras whose file does not say it.
+        Of cameras whose file does not state it.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def recognised(source: Source) -> Format:
             if form.sniff(source):
                 return form
     raise DataError(
-        f"'{source.path}' holds no camera that camcal knows: no entry that belongs to one of its formats.",
+        f"'{source.path}' holds no camera that camcal can read: no entry belongs to a known format.",
         "`camcal list formats` names them; a camcal report has 'schema: camcal-report/1'.",
     )
 
@@ -116,7 +116,7 @@ def parsed(form: Format, source: Source) -> CameraFile:
     with damage(source, form.title), np.errstate(divide="raise", over="raise", invalid="raise"):
         found = form.read(source)
         if not found.cameras:
-            raise DataError("no camera in it.", "Is it the right file?")
+            raise DataError("it holds no camera.", "Is it the right file?")
         named = distinct(found.cameras)
         return replace(found, cameras=tuple(checked(c) for c in named))
 
@@ -176,12 +176,14 @@ def target_format(path: str | os.PathLike, name: str | None) -> Format:
     if known is None:
         suffix = Path(path).suffix or "no ending"
         raise UsageError(
-            f"the ending of '{path}' ({suffix}) does not say which format is wanted.",
+            f"the extension of '{path}' ({suffix}) does not determine the format.",
             "Give --to FORMAT; `camcal list formats` names them.",
         )
     form = named_format(known)
     if form.write is None:
-        raise UsageError(f"{form.title} can be read, not written.", "`camcal list formats` shows which can.")
+        raise UsageError(
+            f"{form.title} can be read but not written.", "`camcal list formats` shows which can."
+        )
     return form
 
 
@@ -246,14 +248,15 @@ def rendered(form: Format, cameras: CameraFile, path: Path) -> Written:
     assert form.write is not None
     if len(cameras.cameras) > 1 and not form.several:
         raise UsageError(
-            f"{form.title} holds one camera in a file; these are {len(cameras.cameras)}.",
-            f"Choose one (--camera {cameras.names[0]}), or write one file each: {path.stem}-{{camera}}{path.suffix}",
+            f"{form.title} holds one camera per file; {len(cameras.cameras)} were given.",
+            f"Choose one (--camera {cameras.names[0]}), or write a file for each camera: "
+            f"{path.stem}-{{camera}}{path.suffix}",
         )
     for named in cameras.cameras:
         camera = exact(named.camera)
         if form.size and camera.image_size is None:
             raise UsageError(
-                f"{form.title} needs the size of the image; the file of camera '{named.name}' does not say it.",
+                f"{form.title} needs the image size; the file of camera '{named.name}' does not state it.",
                 "Give --image-size WxH.",
             )
     found = form.write(cameras, path.suffix.lower())
@@ -269,5 +272,5 @@ def _read_back(form: Format, cameras: CameraFile, path: Path, content: Written) 
     again = parsed(form, source)
     found = gap(cameras, again)
     if not (found.max_px <= EXACT and found.rotation <= EXACT and found.shift <= EXACT):
-        raise RuntimeError(f"{form.title}: what was written reads back {found} apart")
+        raise RuntimeError(f"{form.title}: what was written differs by {found} when it is read back")
     return found

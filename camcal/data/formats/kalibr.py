@@ -114,7 +114,7 @@ def _write(cameras: CameraFile, suffix: str) -> str:
     if len(cameras.cameras) > 1 and not cameras.has_poses:
         raise DataError(
             "a Kalibr camchain of several cameras needs their poses; these have none.",
-            "Write one file each: {camera}.yaml",
+            "Write a file for each camera: {camera}.yaml",
         )
     return text
 

@@ -62,7 +62,7 @@ def _read(source: Source) -> CameraFile:
                 found.append(NamedCamera(f"{model} {entry.get('focal', '?')}mm", _camera(lens, entry, said)))
     if not found:
         raise DataError(
-            "no lens of the file has a distortion.", "Give a database file with <distortion> entries."
+            "no lens in the file has a distortion.", "Give a database file with <distortion> entries."
         )
     if said:
         return CameraFile(tuple(found))
@@ -72,7 +72,7 @@ def _read(source: Source) -> CameraFile:
 
 def _camera(lens: Element, entry: Element, size: tuple[int, int] | None) -> Any:
     if (lens.findtext("type") or "rectilinear").strip() != "rectilinear":
-        raise DataError("a lens that is not rectilinear.", "LensFun's fisheye projections are not read.")
+        raise DataError("the lens is not rectilinear.", "LensFun's fisheye projections are not read.")
     crop = float(lens.findtext("cropfactor") or 1.0)
     a, _, b = (lens.findtext("aspect-ratio") or str(ASPECT)).partition(":")
     aspect = float(a) / float(b or 1)
@@ -150,10 +150,10 @@ FORMAT = Format(
     size=False,
     order="focal (mm), crop factor, k1 k2 (poly3, poly5) or a b c (ptlens) over half the shorter side",
     traps=(
-        "The file has no lengths in px: without --image-size the longer side is taken as 6000 px.",
-        "center is how far the principal point is off the middle of the image, over half the shorter side.",
+        "The file has no lengths in px: without --image-size the longer side is assumed to be 6000 px.",
+        "center is the offset of the principal point from the image centre, over half the shorter side.",
         "ptlens has odd powers of the radius: --to-model refits it.",
-        "Focal lengths are in mm of the sensor that the crop factor stands for; camcal writes a full-frame one.",
+        "Focal lengths are in mm, on a sensor of the given crop factor; camcal writes those of a full-frame sensor.",
     ),
     source="LensFun, Distortion models and lens calibration",
 )

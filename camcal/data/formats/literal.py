@@ -16,4 +16,4 @@ def literal(text: str) -> Any:
             warnings.simplefilter("ignore")
             return ast.literal_eval(text)
     except (ValueError, SyntaxError, MemoryError, RecursionError, TypeError) as error:
-        raise ValueError(f"no Python literal: {str(error).partition(chr(10))[0][:LONGEST]}") from None
+        raise ValueError(f"not a Python literal: {str(error).partition(chr(10))[0][:LONGEST]}") from None

@@ -84,7 +84,7 @@ def _variables(elements: Elements) -> Iterator[bytes]:
             unpacker = zlib.decompressobj()
             unpacked = unpacker.decompress(content, LARGEST)
             if unpacker.unconsumed_tail:
-                raise ValueError(f"a variable of more than {LARGEST >> 20} MB")
+                raise ValueError(f"a variable has more than {LARGEST >> 20} MB")
             kind, content = Elements(unpacked, elements.order).next()
         if kind == MATRIX:
             yield content
@@ -127,12 +127,12 @@ def _cell(parts: Elements, shape: tuple[int, ...], depth: int) -> list[Any]:
     """The values of a cell array, column by column."""
     count = int(np.prod(shape, dtype=object))
     if count * 8 > len(parts.data):
-        raise ValueError("a cell array that ends too early")
+        raise ValueError("a cell array ends too early")
     found = []
     for _ in range(count):
         kind, content = parts.next()
         if kind != MATRIX:
-            raise ValueError("a cell that is no variable")
+            raise ValueError("a cell is not a variable")
         found.append(_matrix(Elements(content, parts.order), depth + 1)[1] if content else np.zeros(0))
     return found
 
@@ -142,18 +142,18 @@ def _struct(parts: Elements, shape: tuple[int, ...], depth: int) -> Any:
     width = int(parts.numbers()[0])
     _, names = parts.next()
     if width < 1 or len(names) % width:
-        raise ValueError("a struct without field names")
+        raise ValueError("a struct has no field names")
     fields = [names[i : i + width].split(b"\0")[0].decode("latin-1") for i in range(0, len(names), width)]
     count = int(np.prod(shape, dtype=object))
     if fields and count * len(fields) * 8 > len(parts.data):
-        raise ValueError("a struct that ends too early")
+        raise ValueError("a struct ends too early")
     found = []
     for _ in range(count if fields else 0):
         made = SimpleNamespace()
         for field in fields:
             kind, content = parts.next()
             if kind != MATRIX:
-                raise ValueError("a field that is no variable")
+                raise ValueError("a field is not a variable")
             setattr(
                 made, field, _matrix(Elements(content, parts.order), depth + 1)[1] if content else np.zeros(0)
             )

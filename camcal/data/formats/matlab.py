@@ -52,11 +52,12 @@ def _read(source: Source) -> CameraFile:
         objects = [n for n, v in variables.items() if v is None]
         if objects or not variables:
             raise DataError(
-                "it holds an object of MATLAB (a session or cameraParameters), which only MATLAB can read.",
+                "it holds a MATLAB object (a session or cameraParameters), which only MATLAB can read.",
                 AS_STRUCT,
             )
         raise DataError(
-            f"no camera in it: none of {NEEDED}.", "A file of corners without a camera is not a camera file."
+            f"it holds no camera: it has none of {NEEDED}.",
+            "A file of corners without a camera is not a camera file.",
         )
     if hasattr(found, "CameraParameters1"):
         return _pair(found)
@@ -119,7 +120,8 @@ def _fisheye(found: Any) -> CameraFile:
         ()
         if not angle
         else (
-            f"the stretch holds a turn of {np.degrees(angle):.4g} degrees about the axis, which is left to the pose",
+            f"the stretch matrix contains a rotation of {np.degrees(angle):.4g} degrees about the "
+            f"optical axis, which is left to the pose",
         )
     )
     return CameraFile.one(camera, "camera", *notes)
@@ -163,7 +165,7 @@ def _write(cameras: CameraFile, suffix: str) -> bytes:
         if not cameras.has_poses:
             raise UsageError(
                 "MATLAB's stereo parameters need the pose of the second camera.",
-                "Write one file each: {camera}.mat",
+                "Write a file for each camera: {camera}.mat",
             )
         left, right = (c.pose for c in cameras.cameras)
         assert left is not None and right is not None
@@ -195,10 +197,10 @@ FORMAT = Format(
     order="FocalLength fx fy, PrincipalPoint, Skew, RadialDistortion k1 k2 [k3], TangentialDistortion p1 p2; "
     "ImageSize rows columns",
     traps=(
-        "MATLAB's objects (cameraParameters, sessions of its app) are read by MATLAB only: save toStruct(params).",
-        "IntrinsicMatrix is the transposed camera matrix; K, of newer releases, is not.",
+        "Only MATLAB reads its objects (cameraParameters, sessions of its app): save toStruct(params).",
+        "IntrinsicMatrix is the transpose of the camera matrix; K, in newer releases, is not transposed.",
         "ImageSize is rows, columns; the principal point counts from 1.",
-        "RotationOfCamera2 multiplies row vectors: it is the transposed rotation.",
+        "RotationOfCamera2 multiplies row vectors: it is the transpose of the rotation.",
         "Files of version 7.3 need the package h5py (`pip install camcal[matlab]`); or save with -v7.",
     ),
     source="MathWorks, cameraIntrinsics, cameraParameters, stereoParameters, fisheyeIntrinsics",

@@ -59,7 +59,8 @@ def _camera(c: Mapping[str, Any], from_middle: bool) -> Any:
         raise unknown("Meshroom distortion", kind, KNOWN)
     if float(c.get("pixelRatio", 1)) != 1:
         raise DataError(
-            f"a pixelRatio of {c['pixelRatio']}, which programs read in two ways.", "Export square pixels."
+            f"a pixelRatio of {c['pixelRatio']}, which programs interpret in two ways.",
+            "Export square pixels.",
         )
     size = image_size(c["width"], c["height"])
     if "pxFocalLength" in c:
@@ -124,11 +125,11 @@ FORMAT = Format(
     _write,
     MODELS,
     several=True,
-    centre="(0, 0), not stated by the owner",
+    centre="(0, 0), not stated in the program's documentation",
     order="focalLength in mm of sensorWidth; principalPoint in px from the middle; k1 k2 k3 t1 t2 as OpenCV's",
     traps=(
-        "Numbers are text.",
-        "Before version 1.2.1 of the file the principal point counts from the top-left corner.",
+        "Numbers are stored as text.",
+        "Before file version 1.2.1 the principal point is measured from the top-left corner.",
         "A pixelRatio other than 1 is refused: whether focalLength belongs to x or y differs between programs.",
     ),
     source="AliceVision, sfmDataIO and its changelog",

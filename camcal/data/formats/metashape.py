@@ -79,7 +79,7 @@ def _camera(c: Element, kind: str | None = None) -> Any:
         return polynomial(matrix, size, k, p)
     if kind in EQUIDISTANT and not any(p):
         return fisheye(matrix, size, k)
-    reason = "camcal has no decentering after a fisheye lens" if any(p) else "camcal has no such lens"
+    reason = "camcal has no decentering terms for a fisheye lens" if any(p) else "camcal has no such lens"
     return foreign_camera(f"Metashape's {kind}", reason, matrix, size, _forward(kind, k, p), at_angle)
 
 
@@ -137,9 +137,9 @@ FORMAT = Format(
     order="f cx cy b1 b2 k1 k2 k3 k4 p1 p2 p3 p4; fx = f + b1, skew = b2",
     traps=(
         "P1 acts on x and P2 on y: OpenCV's p2 and p1.",
-        "cx, cy count from the middle of the image.",
+        "cx, cy are measured from the image centre.",
         "b1 and b2 act on x; f is fy.",
-        "A fisheye lens with decentering has no counterpart here: it is refitted.",
+        "A fisheye lens with decentering has no counterpart in camcal: it is refitted.",
     ),
     source="Agisoft Metashape, user manual, appendix on camera models",
 )

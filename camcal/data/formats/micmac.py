@@ -56,7 +56,8 @@ def _bent(part: Element, way: str, matrix: tuple[float, float, float], size: tup
         return polynomial((f, f, px, py, 0.0), size, scaled, centre=((dx - px) / f, (dy - py) / f))
     if any(p):
         raise DataError(
-            "the terms P1, P2, b1 or b2 of ModPhgrStd, which camcal does not have about a centre of its own.",
+            "the terms P1, P2, b1 or b2 of ModPhgrStd, which camcal cannot combine with a separate "
+            "distortion centre.",
             "In MicMac, calibrate with RadialBasic or RadialExtended.",
         )
 
@@ -66,7 +67,7 @@ def _bent(part: Element, way: str, matrix: tuple[float, float, float], size: tup
         scale = 1 + sum(c * r2 ** (i + 1) for i, c in enumerate(k))
         return (d * scale[:, None] + np.array([dx - px, dy - py])) / f
 
-    reason = "its series goes from the picture to the scene (C2M), camcal's the other way"
+    reason = "its series is defined from the image to the scene (C2M), camcal's in the other direction"
     return backward_camera("MicMac's distortion", reason, (f, f, px, py, 0.0), size, undistort)
 
 
@@ -116,12 +117,12 @@ FORMAT = Format(
     _read,
     _write,
     MODELS,
-    centre="(0, 0), not stated by the owner",
+    centre="(0, 0), not stated in the program's documentation",
     order="PP, F, SzIm; CDist and CoeffDist in px: r², r⁴, ... about CDist",
     traps=(
-        "The distortion has a centre of its own, CDist, apart from the principal point PP.",
-        "KnownConv says the direction; C2M (picture to scene) has no exact counterpart and is refitted.",
-        "Coefficients are in px: they are multiplied by F², F⁴, ...",
+        "The distortion centre, CDist, differs from the principal point PP.",
+        "KnownConv states the direction; C2M (image to scene) has no exact counterpart and is refitted.",
+        "Coefficients are in px: camcal multiplies them by F², F⁴, ...",
     ),
     source="MicMac, documentation of CalibrationInternConique",
 )

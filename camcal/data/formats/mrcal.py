@@ -55,7 +55,7 @@ def _literal(text: str) -> Mapping[str, Any]:
     except ValueError as error:
         raise DataError(f"{error}.", "Is it damaged?") from None
     if not isinstance(found, dict):
-        raise DataError("no mapping in it.", "Is it a .cameramodel?")
+        raise DataError("it holds no mapping.", "Is it a .cameramodel?")
     return found
 
 
@@ -77,7 +77,7 @@ def _camera(name: str, values: Array, size: tuple[int, int]) -> Any:
         return _splined(name, splined, matrix, rest, size)
     if name.startswith("CAHVORE"):
         raise DataError(
-            f"LENSMODEL_{name} is not a central camera; camcal has central ones only.",
+            f"LENSMODEL_{name} is not a central camera model; camcal has central models only.",
             "Refit it in mrcal: mrcal-convert-lensmodel.",
         )
     if name in OTHERS:
@@ -138,7 +138,7 @@ def _splined(name: str, found: re.Match[str], matrix: Any, knots: Array, size: t
         at = u * per_unit + (np.array([nx, ny]) - 1) / 2
         return u + _surface(surface, at, order)
 
-    reason = "camcal's spline goes from the picture to the ray, mrcal's from the ray to the picture"
+    reason = "camcal's spline maps pixels to rays, mrcal's maps rays to pixels"
     return foreign_camera(f"mrcal's LENSMODEL_{name}", reason, matrix, size, forward, at_angle)
 
 
@@ -201,8 +201,8 @@ FORMAT = Format(
     poses=True,
     order="fx fy cx cy, then OpenCV's order; extrinsics: a rotation vector and a translation, x_cam = R x_ref + t",
     traps=(
-        "The file is a Python literal; camcal parses it and runs nothing.",
-        "The splined models go from the ray to the picture, camcal's spline the other way: they are refitted.",
+        "The file is a Python literal; camcal parses it and executes nothing.",
+        "The splined models map rays to pixels, camcal's spline the reverse: they are refitted.",
         "The inputs of mrcal's own optimisation in the file are omitted.",
     ),
     source="mrcal, cameramodels and lens models",

@@ -58,7 +58,8 @@ def _camera(found: Mapping[str, Any]) -> Any:
     matrix = (fx, fy, cx - HALF, cy - HALF, 0.0)
     if any(found.get(n) for n in ("k5", "k6")):
         raise DataError(
-            "k5 or k6, which are not documented for transforms.json.", "Is the file of another program?"
+            "k5 or k6, which are not documented for transforms.json.",
+            "Was the file written by another program?",
         )
     if model == "OPENCV_FISHEYE":
         if d[4] or d[5]:
@@ -104,7 +105,7 @@ FORMAT = Format(
     order="fl_x fl_y cx cy; k1 k2 k3 k4 radial (of the angle for OPENCV_FISHEYE), p1 p2 as OpenCV's",
     traps=(
         "k4 is the fourth radial term, not OpenCV's denominator.",
-        "Some programs that read the file take k3 and k4 for 0.",
+        "Some programs ignore k3 and k4 when reading the file.",
         "The frames' matrices are world_from_camera with y up and z backwards.",
     ),
     source="nerfstudio, data conventions; instant-ngp, scripts/colmap2nerf.py",

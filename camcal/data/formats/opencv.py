@@ -129,8 +129,8 @@ def _read(source: Source) -> CameraFile:
     if _pick(found, MATRIX, "1") is None:
         near = next((s for k in found if len(k) > 3 and (s := suggestion(k, MATRIX))), None)
         raise DataError(
-            "no camera in it: no 'camera_matrix', 'K' or 'M1'.",
-            near or "Is it the other file of a stereo pair?",
+            "it holds no camera: 'camera_matrix', 'K' or 'M1'.",
+            near or "Is it the extrinsics file of a stereo pair?",
         )
     names, ends = [], []
     for i, name in enumerate(("left", "right", "camera3", "camera4"), 1):
@@ -149,7 +149,7 @@ def _read(source: Source) -> CameraFile:
 def _notes(found: Mapping[str, Any]) -> tuple[str, ...]:
     k = _array(_pick(found, MATRIX) if _pick(found, MATRIX) is not None else _pick(found, MATRIX, "1"))
     if k.size == 9 and k[1] and "xi" not in found:
-        return ("the matrix holds a skew, which OpenCV's own functions leave out",)
+        return ("the matrix has a skew, which OpenCV's own functions ignore",)
     return ()
 
 
@@ -191,14 +191,14 @@ def coefficients(spec: str, terms: Terms) -> list[float]:
 def _write(cameras: CameraFile, suffix: str) -> str:
     if len(cameras.cameras) > 2:
         raise UsageError(
-            f"an OpenCV file holds one camera or a stereo pair; these are {len(cameras.cameras)}.",
+            f"an OpenCV file holds one camera or a stereo pair; {len(cameras.cameras)} cameras were given.",
             f"Choose one: --camera {cameras.names[0]}",
         )
     size = cameras.cameras[0].camera.image_size
     if any(c.camera.image_size != size for c in cameras.cameras):
         raise UsageError(
             "an OpenCV stereo file has one image size for both cameras.",
-            "Write one file each: cam-{camera}.yml",
+            "Write a file for each camera: cam-{camera}.yml",
         )
     entries: dict[str, Any] = {"image_width": size[0], "image_height": size[1]}
     if len(cameras.cameras) == 1:
@@ -215,8 +215,8 @@ def _one(camera: Camera, matrix: str, bend: str, xi: str, before: Mapping[str, A
     made: dict[str, Any] = {}
     if "fisheye_model" in before and (terms.kind == "fisheye") != bool(before["fisheye_model"]):
         raise UsageError(
-            "an OpenCV stereo file cannot hold a fisheye lens beside another.",
-            "Write one file each: cam-{camera}.yml",
+            "an OpenCV stereo file cannot combine a fisheye lens with another model.",
+            "Write a file for each camera: cam-{camera}.yml",
         )
     if terms.kind == "fisheye":
         made["fisheye_model"] = 1
@@ -321,8 +321,9 @@ FORMAT = Format(
     order="camera_matrix; k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tauX tauY]]]]; fisheye k1 k2 k3 k4; x_2 = R x_1 + T",
     traps=(
         "Four coefficients mean k1 k2 p1 p2, or cv2.fisheye's k1 to k4 where `fisheye_model` is 1.",
-        "The matrix's skew is read, but OpenCV's pinhole functions leave it out.",
-        "Version 5.0 writes a single row as an nd-matrix, which 4.x does not read; camcal writes what both read.",
+        "The skew in the matrix is read, although OpenCV's pinhole functions ignore it.",
+        "Version 5.0 writes a single row as an nd-matrix, which 4.x cannot read; camcal writes a form "
+        "that both read.",
         "Names vary: camera_matrix, Camera_Matrix, cameraMatrix, K, M1; distortion_coefficients, dist_coeffs, D.",
     ),
     source="OpenCV, samples/cpp/calibration.cpp, stereo_calib.cpp and the tutorial camera_calibration",

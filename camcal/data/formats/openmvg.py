@@ -108,12 +108,13 @@ FORMAT = Format(
     _write,
     MODELS,
     several=True,
-    centre="(0, 0), not stated by the owner",
+    centre="(0, 0), not stated in the program's documentation",
     order="focal_length, principal_point; disto_k3 k1 k2 k3; disto_t2 k1 k2 k3 t1 t2 as OpenCV's p1 p2",
     traps=(
-        "One focal length: fx different from fy is refused.",
-        "The pixel centre is disputed (openMVG issues 1271 and 2180); camcal takes whole numbers.",
-        "cereal names a kind of camera at its first occurrence only.",
+        "It has one focal length: fx different from fy is refused.",
+        "The pixel convention is disputed (openMVG issues 1271 and 2180); camcal assumes that pixel "
+        "centres are integers.",
+        "cereal names a type of camera at its first occurrence only.",
     ),
     source="OpenMVG, src/openMVG/cameras",
 )

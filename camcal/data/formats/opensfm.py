@@ -68,7 +68,7 @@ def _camera(found: Mapping[str, Any]) -> Any:
     if not any(rest):
         return fisheye(matrix, size, k)
     forward = rad_tan_thin_prism([*k, *rest, 0.0, 0.0, 0.0, 0.0][:12])
-    reason = "camcal has no decentering and thin prism after a fisheye lens"
+    reason = "camcal has no decentering or thin-prism terms for a fisheye lens"
     return foreign_camera(f"OpenSfM's {kind}", reason, matrix, size, forward, at_angle)
 
 
@@ -107,7 +107,7 @@ FORMAT = Format(
     order="focal (or focal_x focal_y, c_x c_y) over max(width, height); k1 k2 k3 p1 p2 as OpenCV's",
     traps=(
         "The unit is the longer side of the image, also for the vertical direction.",
-        "fisheye62 and fisheye624 with decentering have no counterpart here: they are refitted.",
+        "fisheye62 and fisheye624 with decentering have no counterpart in camcal: they are refitted.",
         "ODM's cameras.json has the same entries.",
     ),
     source="OpenSfM, documentation (camera models), opensfm/types",

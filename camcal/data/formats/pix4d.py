@@ -97,7 +97,7 @@ FORMAT = Format(
     MODELS,
     several=True,
     poses=True,
-    centre="(0, 0), not stated by the owner",
+    centre="(0, 0), not stated in the program's documentation",
     order="K row by row; radial R1 R2 R3; tangential T1 T2 as OpenCV's p1 p2; position t and R, x_cam = R (x - t)",
     traps=(
         "t is the position of the camera, not the translation of the pose.",

@@ -18,7 +18,7 @@ STEPS = 64  #: of a pixel
 #: QTM's camera has y up and looks along -z
 AXES = np.diag([1.0, -1.0, -1.0])
 MODELS = ("opencv5+skew",)
-NOTE = "QTM does not document the direction of its distortion; it is read as OpenCV's, from the scene to the picture"
+NOTE = "QTM does not document the direction of its distortion; it is read as OpenCV's, from the scene to the image"
 
 
 def _sniff(source: Source) -> bool:
@@ -112,12 +112,12 @@ FORMAT = Format(
     MODELS,
     several=True,
     poses=True,
-    centre="(0, 0), not stated by the owner",
+    centre="(0, 0), not stated in the program's documentation",
     order="focalLengthU/V, centerPointU/V, skew in 1/64 px; distortion without a unit; position in mm and r11 to r33",
     traps=(
         "Lengths on the sensor are in 1/64 px; the distortion coefficients are not.",
         "The camera's axes have y up and look along -z.",
-        "The transform is the position of the camera, and the rotation from the world to its axes.",
+        "The transform holds the position of the camera and the rotation from the world to the camera's axes.",
         NOTE + ".",
     ),
     source="Qualisys Track Manager, real-time protocol, camera calibration",

@@ -44,7 +44,7 @@ def _read(source: Source) -> CameraFile:
 
     if value("Skew") != 0 or value("AspectRatio", "1") != 1:
         raise DataError(
-            "a skew, or an aspect ratio other than 1: their units are not documented.",
+            "it has a skew or an aspect ratio other than 1, whose units are not documented.",
             "Calibrate with square pixels.",
         )
     width, height = size
@@ -119,10 +119,10 @@ FORMAT = Format(
     order="FocalLength35mm over 36 and PrincipalPointU, V of the longer side; k1 k2 k3 k4 t1 t2; "
     "Rotation and Position, x_cam = R (x - position)",
     traps=(
-        "The file does not say how large the picture is: give --image-size.",
+        "The file does not state the image size: give --image-size.",
         "t1 acts on x and t2 on y: OpenCV's p2 and p1.",
-        "Position is the place of the camera, not the translation of the pose.",
+        "Position is the position of the camera, not the translation of the pose.",
         "The division model, skew and aspect ratio are refused: their units are not documented.",
     ),
-    source="AliceVision, importKnownPoses; Fraunhofer, Camorph: both read the program's files",
+    source="AliceVision, importKnownPoses, and Fraunhofer's Camorph, which read the program's files",
 )

@@ -51,7 +51,9 @@ def _read(source: Source) -> CameraFile:
 def _read_yaml(found: Mapping[str, Any]) -> CameraFile:
     size = image_size(found["image_width"], found["image_height"])
     if "distortion_model" not in found:
-        raise DataError("no 'distortion_model'; ROS names it.", "Try: distortion_model: plumb_bob")
+        raise DataError(
+            "it has no 'distortion_model', which ROS files have.", "Try: distortion_model: plumb_bob"
+        )
     bend = found.get("distortion_coefficients") or {"data": []}
     camera = make(
         found["distortion_model"], matrix_values(found["camera_matrix"]["data"]), size, bend["data"] or []
@@ -71,7 +73,7 @@ def make(model: Any, matrix: tuple[float, ...], size: tuple[int, int], bend: Any
     d = floats(bend, None, "distortion_coefficients")
     if len(d) not in NAMES[model]:
         raise DataError(
-            f"distortion_model '{model}' with {len(d)} coefficients; "
+            f"distortion_model '{model}' has {len(d)} coefficients; "
             f"{' or '.join(map(str, NAMES[model]))} are needed.",
             "Was another model meant?",
         )
@@ -179,10 +181,10 @@ FORMAT = Format(
     "equidistant k1 k2 k3 k4",
     traps=(
         "Some files have five coefficients under rational_polynomial; they are read as OpenCV does, k4 to k6 as 0.",
-        "ROS melodic called `equidistant` `fisheye` for a time; both are read.",
-        "P is the camera of the rectified picture, not the calibration; camcal writes R = I and P = [K | 0] of one "
-        "camera, and the rectification of a pair, with P[0, 3] = -f times the baseline.",
-        "camera_name is letters, digits and underscores.",
+        "For a time ROS melodic called the model `fisheye` instead of `equidistant`; both names are read.",
+        "P is the projection matrix of the rectified image, not the calibration; camcal writes R = I and "
+        "P = [K | 0] for one camera, and for a pair its rectification, with P[0, 3] = -f times the baseline.",
+        "camera_name has letters, digits and underscores only.",
     ),
     source="ROS, camera_calibration_parsers and sensor_msgs/CameraInfo",
 )

@@ -82,7 +82,9 @@ CAMODOCAL_FORMAT = Format(
     ("opencv4", "kb4", "mei"),
     order="PINHOLE fx fy cx cy, k1 k2 p1 p2; MEI xi, k1 k2 p1 p2, gamma1 gamma2 u0 v0; "
     "KANNALA_BRANDT k2 to k5, mu mv u0 v0",
-    traps=("KANNALA_BRANDT counts from k2: its k2 to k5 are k1 to k4 of OpenCV's fisheye model.",),
+    traps=(
+        "KANNALA_BRANDT numbers its coefficients from k2: its k2 to k5 are k1 to k4 of OpenCV's fisheye model.",
+    ),
     source="camodocal, src/camera_models; VINS-Fusion, config",
 )
 
@@ -150,7 +152,7 @@ BASALT_FORMAT = Format(
     poses=True,
     order="fx fy cx cy, then by name; T_imu_cam: position and quaternion of the camera in the frame of the IMU",
     traps=("T_imu_cam is the pose of the camera in the IMU's frame, the inverse of cam_from_rig.",),
-    source="Basalt, documentation of calibration",
+    source="Basalt, documentation of the calibration",
 )
 
 # ORB-SLAM3
@@ -205,7 +207,7 @@ ORBSLAM_FORMAT = Format(
     _write_orbslam,
     ("opencv5", "kb4"),
     order="Camera1.fx fy cx cy k1 k2 p1 p2 [k3]; KannalaBrandt8 k1 k2 k3 k4",
-    traps=("The settings of the tracker itself have to be added to what is written.",),
+    traps=("The settings of the tracker have to be added to the file that camcal writes.",),
     source="ORB-SLAM3, Calibration_Tutorial",
 )
 

@@ -108,7 +108,7 @@ class Source:
     def root(self) -> ElementTree.Element:
         """The root element; DataError if the file is not XML."""
         if self.xml is None:
-            raise DataError(f"'{self.path}' is no XML file.", "Is it the right file?")
+            raise DataError(f"'{self.path}' is not an XML file.", "Is it the right file?")
         return self.xml
 
     @cached_property
@@ -160,4 +160,4 @@ def _xml(data: bytes, path: Path) -> ElementTree.Element:
     except expat.ExpatError as error:
         raise broken(path, "XML", f"{expat.errors.messages[error.code]} at line {error.lineno}") from None
     except (AssertionError, ValueError, LookupError) as error:
-        raise broken(path, "XML", error or "it has no element") from None
+        raise broken(path, "XML", error or "it has no elements") from None

@@ -52,8 +52,9 @@ def _camera(name: str, body: str) -> Camera:
     values = dict(VALUE.findall(body))
     if "model" not in values:
         raise DataError(
-            f"camera '{name}' has no lens-distortion schema: its size in px is not known.",
-            "Apply OmniLensDistortionOpenCvPinholeAPI to it, or give its focal length and aperture another way.",
+            f"camera '{name}' has no lens-distortion schema, so its image size in px is unknown.",
+            "Apply OmniLensDistortionOpenCvPinholeAPI to it, or give its focal length and aperture in "
+            "another format.",
         )
     token = values["model"].strip().strip('"')
     if token not in SCHEMAS:
@@ -117,9 +118,11 @@ FORMAT = Format(
     several=True,
     order="fx fy cx cy, k1..k6 p1 p2 s1..s4 (opencvPinhole) or k1..k4 (opencvFisheye), px",
     traps=(
-        "Programs that know no lens-distortion schema (Blender) see the pinhole without distortion, in apertures.",
-        "USD keeps single precision: the text holds all digits, a program's copy about seven.",
-        "The binary .usdc is not read: save as .usda.",
+        "Programs without lens-distortion schemas (Blender) read the pinhole camera without distortion "
+        "from the apertures.",
+        "USD stores single precision: the text file holds all digits, a program that saves it again "
+        "keeps about seven.",
+        "Binary .usdc files are not read: save as .usda.",
     ),
     source="NVIDIA Omniverse, Lens Distortion Schemas; OpenUSD, UsdGeomCamera",
 )

@@ -40,7 +40,7 @@ def _camera(entry: Element) -> object:
             raise unknown("ViSP projection model", kind, (PLAIN, BENT))
     chosen = models.get(BENT, models.get(PLAIN))
     if chosen is None:
-        raise DataError("a camera without a model.", "Is the file damaged?")
+        raise DataError("the camera has no model.", "Is the file damaged?")
     size = image_size(one(entry, "image_width"), one(entry, "image_height"))
     matrix = tuple(one(chosen, n) for n in ("px", "py", "u0", "v0"))
     return polynomial((*matrix, 0.0), size, [one(chosen, "kud", 0.0)] if BENT in models else [])
@@ -85,8 +85,8 @@ FORMAT = Format(
     several=True,
     order="px py u0 v0 kud kdu",
     traps=(
-        "kud goes from the scene to the picture and is read; kdu is its approximate inverse and only written.",
-        "A camera has both a model without and one with distortion; the one with distortion is read.",
+        "kud is defined from the scene to the image and is read; kdu is its approximate inverse and is only written.",
+        "A camera has two models, without and with distortion; the one with distortion is read.",
     ),
     source="ViSP, vpCameraParameters",
 )

@@ -48,7 +48,7 @@ FORMAT = Format(
     size=False,
     order="alpha gamma beta u0 v0; k1 k2",
     traps=(
-        "gamma, the skew, stands second.",
+        "The second number, gamma, is the skew.",
         "The file does not contain the size of the image.",
         "The poses of the views are omitted.",
     ),

@@ -36,7 +36,7 @@ class Board:
         """
         columns, rows = self.grid or (round(count**0.5),) * 2
         if columns * rows != count:
-            found = f"{count} corners a picture"
+            found = f"{count} corners per picture"
             needed = f"{columns}x{rows} = {columns * rows}" if self.grid else "the size of the board"
             raise DataError(f"{source}: {found}; {needed} is needed.", "Give --board COLUMNSxROWS.")
         x, y = np.meshgrid(np.arange(columns), np.arange(rows))
@@ -83,13 +83,13 @@ def table_of(source: Source, views: Sequence[tuple[str, Array, Array, Array | No
     """
     kept = [v for v in views if len(v[1])]
     if not kept:
-        raise DataError(f"{source.path}: no picture with points.", "Is it the right file?")
+        raise DataError(f"{source.path}: it has no picture with points.", "Is it the right file?")
     with_ids = all(ids is not None for *_, ids in kept)
     columns = ("X", "Y", "Z", "u", "v", *(("id",) if with_ids else ()))
     blocks = [np.c_[xyz, uv, ids] if with_ids else np.c_[xyz, uv] for _, xyz, uv, ids in kept]
     values = np.concatenate(blocks).astype(float)
     if not (np.abs(values) <= LARGEST_VALUE).all():
-        said = f"a coordinate that is not finite, or above {LARGEST_VALUE:g}"
+        said = f"a coordinate is not finite, or above {LARGEST_VALUE:g}"
         raise DataError(f"{source.path}: {said}.", "Remove that point.")
     index = np.repeat(np.arange(len(kept)), [len(b) for b in blocks])
     names = tuple(name for name, *_ in kept)

@@ -55,13 +55,13 @@ def _ids(source: Source, features: Any, target: Array) -> Array:
     if all(i is None for i in given):
         if len(given) != len(target):
             raise DataError(
-                f"{source.path}: {len(given)} corners without ids; the target has {len(target)}.",
-                "Only whole boards can be without ids.",
+                f"{source.path}: {len(given)} corners have no ids; the target has {len(target)}.",
+                "Ids can be left out only where the whole board was detected.",
             )
         given = list(range(len(given)))
     ids = np.array([int(i) for i in given], int)
     if (ids < 0).any() or (ids >= len(target)).any():
-        raise ValueError(f"a corner {ids.max()} of a target with {len(target)} points")
+        raise ValueError(f"corner {ids.max()} was found, on a target with {len(target)} points")
     return ids
 
 

@@ -56,7 +56,8 @@ def _rows(source: Source, lines: list[str]) -> Array:
             b, corner, _, u, v = map(float, line.split(","))
         except ValueError:
             raise DataError(
-                f"{source.path}:{number}: a row is board, corner, ordered, u, v.", "Correct or remove it."
+                f"{source.path}:{number}: board, corner, ordered, u, v are needed in a row.",
+                "Correct or remove it.",
             ) from None
         found.append((b, corner, u, v))
     return np.array(found).reshape(-1, 4)
@@ -67,7 +68,7 @@ def _views(
 ) -> Iterator[tuple[str, Array, Array, Array | None]]:
     """One view of all boards if their poses are known, otherwise one view per board."""
     if (rows[:, :2] != np.rint(rows[:, :2])).any() or (rows[:, :2] < 0).any():
-        raise ValueError("boards and corners are counted from 0")
+        raise ValueError("boards and corners are numbered from 0")
     boards, corners = rows[:, 0].astype(int), rows[:, 1].astype(int)
     target = _target(source.path)
     points, poses = target or ({}, {})
@@ -102,7 +103,7 @@ def _on_grid(source: Source, corners: Array, board: Board) -> Array:
     """Positions of corners that are numbered row by row on the board of the command line."""
     if board.grid is None:
         raise DataError(
-            f"{source.path}: its target (a .dsc) is not beside it.",
+            f"{source.path}: its target (a .dsc file) is not in the same folder.",
             "Put it there, or give --board COLUMNSxROWS and --square.",
         )
     columns, rows = board.grid
@@ -120,7 +121,7 @@ def _target(path: Path) -> tuple[dict[int, Array], dict[int, Array]] | None:
         found = sorted(folder.glob("*.dsc"))
         if len(found) > 1:
             raise DataError(
-                f"'{folder}' holds {len(found)} targets (.dsc).", "Leave the one of these pictures."
+                f"'{folder}' holds {len(found)} targets (.dsc).", "Keep only the .dsc file of these pictures."
             )
         if found:
             poses = found[0].with_suffix(".tp")
@@ -137,7 +138,10 @@ def _boards(source: Source) -> dict[int, Array]:
             continue
         number, rows, columns, _ = floats(line.split(","), 4, f"the board of {source.path}")
         if columns == 0:
-            raise DataError(f"'{source.path}' describes a triangular board.", "Rectangular boards are read.")
+            raise DataError(
+                f"'{source.path}' describes a triangular board; only rectangular boards are read.",
+                "Detect a rectangular board.",
+            )
         count = int((rows - 1) * (columns - 1))
         if not 0 < count <= len(source.data):
             raise DataError(f"'{source.path}': a board of {rows:g}x{columns:g}.", "Is the file damaged?")
@@ -154,7 +158,8 @@ def _poses(source: Source) -> dict[int, Array]:
     words = floats((source.text or "").split("\n", 1)[-1].split(), what=str(source.path))
     if len(words) % 13:
         raise DataError(
-            f"'{source.path}': {len(words)} numbers; 13 of each board are needed.", "Is it complete?"
+            f"'{source.path}': {len(words)} numbers were found; 13 for each board are needed.",
+            "Is it complete?",
         )
     return {int(w[0]): w[1:].reshape(3, 4) for w in words.reshape(-1, 13)}
 

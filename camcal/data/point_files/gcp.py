@@ -24,7 +24,7 @@ def _read(source: Source, board: Board) -> tuple[Table, Size | None]:
     head, *lines = [line for line in (source.text or "").splitlines() if line.strip() and line[0] != "#"]
     if any(g in head.lower() for g in GEOGRAPHIC):
         raise DataError(
-            f"{source.path}: degrees ({head.strip()}); a projection in metres is needed.",
+            f"{source.path}: coordinates in degrees ({head.strip()}) were found; a projection in metres is needed.",
             "Project the points first, for example to UTM.",
         )
     views: dict[str, list[list[float]]] = {}

@@ -25,7 +25,7 @@ def _read_opencv(source: Source, board: Board) -> tuple[Table, Size | None]:
     entry = found["imagepoints"]
     if not isinstance(entry, Mapping) or "rows" not in entry:
         raise DataError(
-            f"{source.path}: image_points is no matrix with a row for each picture.", "Is it damaged?"
+            f"{source.path}: image_points is not a matrix with a row for each picture.", "Is it damaged?"
         )
     views = int(entry["rows"])
     pixels = floats(_array(entry)).reshape(views, -1, 2)

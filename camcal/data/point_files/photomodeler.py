@@ -69,9 +69,11 @@ def _photos(source: Source, left: Iterator[tuple[int, str]]) -> Iterator[str]:
         if not words:
             return
         if len(words) < 2 or not words[0].isdigit():
-            raise DataError(f"{source.path}:{number}: a photo is its number and its name.", "Is it complete?")
+            raise DataError(
+                f"{source.path}:{number}: the number and the name of a photo are needed.", "Is it complete?"
+            )
         if len(list(itertools.islice(left, PHOTO))) < PHOTO:
-            raise DataError(f"{source.path}: it ends within a photo.", "Is it complete?")
+            raise DataError(f"{source.path}: the file ends within the entry of a photo.", "Is it complete?")
         name = words[1].replace("\\", "/").rpartition("/")[2].strip()
         seen[name] = seen.get(name, 0) + 1
         yield name if seen[name] == 1 else f"{name}-{seen[name]}"
@@ -97,7 +99,7 @@ def _no_smart_points(source: Source, points: Array) -> None:
     numbers, count = np.unique(points[:, 0], return_counts=True)
     if (count > 1).any():
         raise DataError(
-            f"{source.path}: point {int(numbers[count > 1][0])} is there twice (normal and smart points).",
+            f"{source.path}: point {int(numbers[count > 1][0])} is listed twice (as a normal and as a smart point).",
             "Export the project without its smart points.",
         )
 

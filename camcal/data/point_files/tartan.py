@@ -37,7 +37,7 @@ def _read_mat(source: Source, board: Board) -> tuple[Table, Size | None]:
         beside = source.neighbour("board.mat")
         if beside is None or "boards" not in beside.mat:
             raise DataError(
-                f"{source.path}: the points of the board are neither in it nor in a board.mat beside it.",
+                f"{source.path}: the points of the board are neither in it nor in a board.mat in the same folder.",
                 "Put TartanCalib's board.mat there.",
             )
         found = {**found, "boards": beside.mat["boards"]}
@@ -48,7 +48,7 @@ def _read_mat(source: Source, board: Board) -> tuple[Table, Size | None]:
         pixels = _columns(corners.x, 2)
         numbers = _columns(corners.cspond, 2).astype(int)
         if len(numbers) != len(pixels):
-            raise ValueError(f"picture {i} has {len(pixels)} pixels and {len(numbers)} numbers of points")
+            raise ValueError(f"picture {i} has {len(pixels)} pixels but {len(numbers)} point numbers")
         points = [_point(boards, p, b) for p, b in numbers.tolist()]
         before = np.cumsum([0, *map(len, boards)])
         ids = numbers[:, 0] - 1 + before[numbers[:, 1] - 1]
@@ -123,7 +123,7 @@ def _read_dataset(source: Source, board: Board) -> tuple[Table, Size | None]:
     (version,) = stream.take(">I")
     if version != VERSION:
         raise DataError(
-            f"{source.path}: a data set of version {version}; {VERSION} (TartanCalib) is read.",
+            f"{source.path}: the data set has version {version}; only {VERSION} (TartanCalib) is read.",
             "Export the corners as a table.",
         )
     sizes = [stream.take(">II") for _ in range(stream.count(8))]

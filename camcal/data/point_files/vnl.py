@@ -37,7 +37,7 @@ def _rows(source: Source) -> tuple[list[str], list[list[str]]]:
             )
         rows.append(words)
     if not rows:
-        raise DataError(f"{source.path}: no rows of points.", "Is it the right file?")
+        raise DataError(f"{source.path}: it has no rows of points.", "Is it the right file?")
     return legend or ["filename", "x", "y", "level"], rows
 
 

@@ -44,7 +44,8 @@ def vnl(correspondences: Correspondences) -> str:
     x, y = np.unique(places[:, 0]), np.unique(places[:, 1])
     if np.ptp(places[:, 2]) or len(x) * len(y) != len(places):
         raise UsageError(
-            "a .vnl holds the corners of a rectangular board; these points are none.", "Write CSV or npz."
+            "a .vnl file holds the corners of a rectangular board; these points are not such corners.",
+            "Write CSV or npz.",
         )
     lines = [f"## {len(x)}x{len(y)} corners, written by camcal", "# filename x y level"]
     for view in views:
@@ -54,7 +55,9 @@ def vnl(correspondences: Correspondences) -> str:
 
 def _lines(view: View, x: np.ndarray, y: np.ndarray) -> list[str]:
     if any(c.isspace() for c in view.id):
-        raise UsageError(f"a .vnl cannot hold the name '{view.id}': it has a blank.", "Rename the picture.")
+        raise UsageError(
+            f"a .vnl file cannot hold the name '{view.id}', which contains a space.", "Rename the picture."
+        )
     rounded = view.xyz.round(DIGITS)
     at = np.searchsorted(y, rounded[:, 1]) * len(x) + np.searchsorted(x, rounded[:, 0])
     seen = dict(zip(at.tolist(), view.uv.tolist(), strict=True))

@@ -108,7 +108,7 @@ def look(
     if family is None and _mirrored(gray):
         return Sight(board=size, whole=whole, marked=True, mirrored=True), Miss("mirrored", MIRRORED)
     sight = Sight(family, tuple(markers), size, whole, marked=True)
-    return sight, Miss("other-target", "the squares of the board hold markers")
+    return sight, Miss("other-target", "the squares of the board contain markers")
 
 
 def _other_kinds(gray: Array, seconds: float, miss: Miss) -> tuple[Sight, Miss]:

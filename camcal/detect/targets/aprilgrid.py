@@ -135,7 +135,7 @@ class AprilGrid(TagBoard):
         """
         from_file = len(arguments) == 1 and arguments[0].lower().endswith((".yaml", ".yml"))
         plain = EXAMPLE.split(":")[1:] if from_file else arguments
-        takes = "a file of Kalibr's, or tags, their side and the spacing"
+        takes = "a Kalibr target file, or tags, their side and the spacing"
         check_arguments("aprilgrid", takes, plain, named, ("family", "border", "start"), EXAMPLE)
         if from_file:
             columns, rows, square, spacing = read_kalibr(Path(arguments[0]))
@@ -183,5 +183,7 @@ def read_kalibr(path: Path) -> tuple[int, int, float, float]:
             f"{path} holds text where a number is needed.", "tagSize is in metres: 0.022"
         ) from None
     if min(columns, rows) < 1 or not 0 < square < np.inf:
-        raise DataError(f"{path}: a grid of {columns}x{rows} tags of {square:g} m.", "All must be positive.")
+        raise DataError(
+            f"{path}: a grid of {columns}x{rows} tags of {square:g} m.", "All values must be positive."
+        )
     return columns, rows, square, spacing

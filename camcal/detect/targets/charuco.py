@@ -70,7 +70,7 @@ class Charuco(TagBoard):
             )
         if needed > held:
             raise UsageError(
-                f"a board of {columns}x{rows} needs markers up to {needed - 1}; {dictionary} holds {held}.",
+                f"a board of {columns}x{rows} needs marker ids up to {needed - 1}; {dictionary} holds {held}.",
                 "Use a larger dictionary, such as " + dictionary.split("_")[0] + "_1000.",
             )
 

@@ -75,7 +75,7 @@ class Circles(Target):
         self.diameter = diameter
         if diameter is not None and not 0 < diameter < self._neighbour_distance:
             raise UsageError(
-                f"discs of {diameter:g} at a distance of {self._neighbour_distance:g} touch each other.",
+                f"discs of diameter {diameter:g} at a distance of {self._neighbour_distance:g} touch each other.",
                 "The distance comes first, then the diameter.",
             )
 
@@ -184,7 +184,7 @@ class Circles(Target):
         """
         if not 1 <= len(arguments) <= 3 or named:
             raise UsageError(
-                f"{cls.kind} takes columns and rows, their distance and the discs' diameter.",
+                f"{cls.kind} takes columns and rows, the distance of the discs and their diameter.",
                 f"Try: {cls.kind}:10x8:2.5mm:1.5mm",
             )
         columns, rows = parse_grid(arguments[0])

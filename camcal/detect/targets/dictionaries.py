@@ -40,7 +40,7 @@ def find_name(text: str) -> str:
     known = {name.lower(): name for name in names()}
     if plain not in known:
         raise UsageError(
-            f"unknown dictionary of markers '{text}'.",
+            f"unknown marker dictionary '{text}'.",
             suggestion(plain.upper(), names()) or "Known: " + ", ".join(names()) + ".",
         )
     return known[plain]

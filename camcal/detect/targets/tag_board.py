@@ -152,7 +152,7 @@ class TagBoard(Target):
             )
         _, gap, _ = homography.solve(points[known.rows][None], known.uv[known.rows][None], steps=0)
         if gap[0] < LEAST_GAP:
-            said = f"the {len(known.rows)} corners of the board that are seen lie on a line"
+            said = f"the {len(known.rows)} corners of the board that are visible lie on a line"
             return Miss("cut-off", said + " (all or all but one): they do not determine its pose")
         found, span = known.corners, grey_span(gray)
         info = info | {

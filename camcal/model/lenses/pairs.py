@@ -100,8 +100,8 @@ def _check_a_map(ideal: Array, distorted: Array) -> None:
     if len(apart) and apart[worst] > SCATTER * float(np.ptp(distorted, axis=0).max()):
         x, y = points[which[worst]]
         raise DataError(
-            f"the ideal point ({x:g}, {y:g}) is given {counts[which[worst]]} times, at pixels up to {apart[worst]:.3g} "
-            "px from their mean; a lens puts it in one position.",
+            f"the ideal point ({x:g}, {y:g}) is given {counts[which[worst]]} times, at pixels up to "
+            f"{apart[worst]:.3g} px from their mean; a lens maps it to a single pixel.",
             "For several views of a target use: camcal estimate",
         )
 

@@ -83,7 +83,7 @@ class Parameters:
         if not (p.lower <= value <= p.upper and np.isfinite(value)):
             raise UsageError(
                 f"{name} = {value:g} is outside the range of the model '{self.name}': {p.lower:g} to {p.upper:g}.",
-                f"Omit the value to hold {name} at its start.",
+                f"Omit the value to hold {name} at its initial value.",
             )
 
     def within_bounds(self, params: Array) -> bool | Array:

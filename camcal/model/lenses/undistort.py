@@ -89,7 +89,8 @@ def undistortion(
     new = size or camera.image_size
     if new[0] * new[1] > MOST_PIXELS:
         raise UsageError(
-            f"a picture of {new[0]}x{new[1]} pixels; at most {MOST_PIXELS // 10**6} million are made.",
+            f"a picture of {new[0]}x{new[1]} pixels is too large; at most {MOST_PIXELS // 10**6} million "
+            f"are allowed.",
             "Give a smaller --size.",
         )
     if isinstance(keep, str):

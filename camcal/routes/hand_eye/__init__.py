@@ -31,8 +31,8 @@ CLOSED_FORM_SUMMARIES: dict[str, str] = {
     "horaud": "Horaud & Dornaika 1995: unit quaternions, then the translation.",
     "andreff": "Andreff, Horaud & Espiau 1999: rotation and translation at once, linearly.",
     "daniilidis": "Daniilidis 1999: dual quaternions, rotation and translation at once.",
-    "shah": "Shah 2013: both unknown rotations by the SVD of a Kronecker product, then both translations.",
-    "li": "Li, Wang & Wu 2010: both unknown transformations at once by Kronecker products.",
+    "shah": "Shah 2013: both rotations by the SVD of a Kronecker product, then both translations.",
+    "li": "Li, Wang & Wu 2010: both transformations at once by Kronecker products.",
 }
 
 SETUPS = ("in-hand", "to-hand")

@@ -82,7 +82,7 @@ def best(methods: list[Method]) -> Method:
     made = [m for m in methods if m.x is not None]
     if not made:
         raise EstimationError(
-            "no closed form finds a hand-eye transformation.", "Add poses rotated about other axes."
+            "no closed form yields a hand-eye transformation.", "Add poses rotated about other axes."
         )
     return min(made, key=lambda m: (m.rotation_rms + _TINY) * (m.translation_rms + _TINY))
 

@@ -211,7 +211,7 @@ def _estimate(setup: str, pictures: Pictures, robot: Robot, offset: float | None
         linear = joint.linear(at)
         if not np.isfinite(linear.image).all():
             raise EstimationError(
-                "the joint estimate leaves the domain of the lens.", "Check the poses and their unit."
+                "the joint estimate left the domain of the lens.", "Check the poses and their unit."
             )
         found = variance.estimate(linear, noise, pictures.freedom)
         settled = np.abs(np.log(np.divide(found.noise, noise))).max() < SETTLED

@@ -61,8 +61,8 @@ def require_enough(count: int) -> None:
     """Raise an error for fewer than three poses."""
     if count < LEAST_VIEWS:
         raise DataError(
-            f"{count} poses with a view; a hand-eye calibration needs {LEAST_VIEWS}.",
-            "Take ten or more, rotated about two axes; check that the names of the views agree.",
+            f"{count} poses have a view; a hand-eye calibration needs {LEAST_VIEWS}.",
+            "Take ten or more poses, rotated about two axes, and check that the names of the views agree.",
         )
 
 

@@ -39,7 +39,7 @@ def search(setup: str, stream: Stream, times: Array, cameras: Poses, reach: floa
         raise DataError(
             f"the views' times ({times.min():.6g} to {times.max():.6g} s) lie outside the poses' "
             f"({stream.times[0]:.6g} to {stream.times[-1]:.6g} s) at every offset within {reach:g} s.",
-            "Both must be in seconds from the same zero; --max-offset widens the search.",
+            "Both must be in seconds from the same origin; --max-offset widens the search.",
         )
 
     def left(offset: float) -> float:

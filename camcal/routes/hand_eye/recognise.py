@@ -130,8 +130,8 @@ def choose(found: Sequence[Reading], robot: RobotPoses, setup: str | None, views
         other = next(r for r in allowed if r.form == taken.form and r.setup != taken.setup)
         if abs(log_odds(taken, other, views)) <= np.log(ODDS):
             raise UsageError(
-                f"the poses fit a camera in the hand ({_deg(taken, other, 'in-hand')} deg are left) and one beside the "
-                f"robot ({_deg(taken, other, 'to-hand')} deg).",
+                f"the poses fit a camera in the hand ({_deg(taken, other, 'in-hand')} deg are left) and "
+                f"one fixed beside the robot ({_deg(taken, other, 'to-hand')} deg).",
                 "Specify the set-up: --setup in-hand or --setup to-hand.",
             )
     return taken

@@ -75,8 +75,8 @@ def _unrelated(made: Estimate) -> Iterator[CalibrationWarning]:
     if made.translation_rms > UNRELATED * extent:
         yield CalibrationWarning(
             "hand-eye-convention",
-            f"the robot's positions are off by {made.translation_rms:.3g}, with motions of {extent:.3g}: they do not "
-            "belong to the pictures, or the rotations are in another form than their columns say.",
+            f"the robot's positions are off by {made.translation_rms:.3g}, with motions of {extent:.3g}: "
+            f"they do not belong to the pictures, or the rotations have another convention than their columns state.",
             "Check the order of the rotation's numbers (--rotation), and which pose belongs to which view.",
             "wrong",
         )
@@ -90,10 +90,10 @@ def _scale(made: Estimate, factor: float, sigma: float, square: str | None) -> I
     off = abs(factor - 1) * float(np.median(far))
     yield CalibrationWarning(
         "hand-eye-scale",
-        f"the robot moves {factor:.4g} ± {sigma:.1g} times as far as the board's lengths say"
-        + (f"; a square of {square} would agree with it." if square else "."),
-        "Measure the side of a square, and check the unit and the focal length; the distance of the board is as wrong "
-        "as the scale.",
+        f"the robot moves {factor:.4g} ± {sigma:.1g} times as far as the board's lengths imply"
+        + (f"; a square of {square} would make them agree." if square else "."),
+        "Measure the side of a square, and check the unit and the focal length; the distance of the "
+        "board has the same relative error as the scale.",
         "wrong" if off > OFF * float(made.sigma[3:6].max()) else "doubtful",
     )
 
@@ -131,9 +131,10 @@ def _no_noise(made: Estimate) -> Iterator[CalibrationWarning]:
     if zero:
         yield CalibrationWarning(
             "hand-eye-noise-at-zero",
-            f"the robot's {listed(zero)} show no noise beside that of the pictures. In such calibrations 91 to 95 % of "
-            "the 95 % intervals contain the true value, because a small noise of the robot can be missed by chance.",
-            "Add poses: the more there are, the smaller a noise can be detected.",
+            f"the robot's {listed(zero)} show no noise beyond that of the pictures. In such calibrations "
+            f"91 to 95 % of "
+            "the 95 % intervals contain the true value, because small robot noise can go undetected by chance.",
+            "Add poses: with more of them, smaller noise can be detected.",
             "note",
         )
 
@@ -148,7 +149,8 @@ def _directions(made: Estimate) -> Iterator[CalibrationWarning]:
     )
     yield CalibrationWarning(
         "hand-eye-weak-direction",
-        f"the translation of {NAMES[made.setup][0]} along ({direction}) is known {ratio:.2g} times worse than in the "
-        f"best direction: the motions turn by {made.motions.turns_deg[1]:.2g} deg about a second axis.",
-        "Add the poses under hand_eye.next of the report.",
+        f"the translation of {NAMES[made.setup][0]} along ({direction}) is known {ratio:.2g} times less "
+        f"accurately than in the best direction: the motions rotate by {made.motions.turns_deg[1]:.2g} "
+        f"deg about a second axis.",
+        "Add the poses listed under hand_eye.next in the report.",
     )

@@ -64,16 +64,16 @@ def require_same_unit(factor: float, unit: str | None, other: Reading | None = N
         return
     if other is not None:
         raise DataError(
-            f"the robot moves {abs(factor):.4g} times as far as the pictures say, and its poses fit far better as "
+            f"the robot moves {abs(factor):.4g} times as far as the pictures imply, and its poses fit far better as "
             f"{other.words}.",
             f"Try: --setup {other.setup} --rotation {other.form.name}",
         )
     guess = next((u for u, mm in MILLIMETRES.items() if _is(factor, mm, unit)), None)
     of = f"the report's unit ({unit})" if unit in MILLIMETRES else "the report's unit"
     raise DataError(
-        f"the robot moves {abs(factor):.4g} times as far as the pictures say in {of}: the poses are in another unit"
-        + ("." if guess else ", or their rotations in another form."),
-        f"The poses are in {guess}? Say so: --poses-unit {guess}."
+        f"the robot moves {abs(factor):.4g} times as far as the pictures imply in {of}: the poses are in another unit"
+        + ("." if guess else ", or their rotations have another convention."),
+        f"If the poses are in {guess}, specify --poses-unit {guess}."
         if guess
         else "Give the side of a square with its unit (--square 25mm), and --poses-unit; check the order of the "
         "rotation's numbers (--rotation).",

@@ -156,7 +156,7 @@ def begin(problem: Problem, state: State) -> Blocks:
     blocks = problem.linearise(state)
     if blocks is None:
         raise EstimationError(
-            "the start of the refinement does not project all points: some lie behind the camera or "
+            "the initial camera of the refinement does not project all points: some lie behind the camera or "
             "outside the lens model's domain.",
             "Try a simpler model, or one for wide lenses: --model kb4.",
         )

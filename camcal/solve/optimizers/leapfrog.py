@@ -149,5 +149,5 @@ def minimise(
             if iteration % _TEST_EVERY == 0 and arrived():
                 return ended(True, "predicted decrease", iteration)
         if not particle.longest > 0 or not np.isfinite(particle.interval):
-            return ended(arrived(), "the lens's domain ends here", iteration)
+            return ended(arrived(), "the path reached the border of the lens's domain", iteration)
     return ended(arrived(), "iterations", limit)

@@ -162,7 +162,7 @@ def test_writing(tmp_path):
     assert all(gap.max_px < 1e-9 for gap in gaps.values())
     with pytest.raises(UsageError, match="exists already"):
         files.write(tmp_path / "left.yml", cameras)
-    with pytest.raises(UsageError, match="ending"):
+    with pytest.raises(UsageError, match="extension"):
         files.write(tmp_path / "left.txt", cameras)
     with pytest.raises(UsageError, match="ROS camera_info holds one camera") as error:
         files.write(tmp_path / "x.yaml", cameras, "ros")

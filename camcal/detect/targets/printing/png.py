@@ -44,7 +44,7 @@ def draw(sheet: Sheet, dpi: float) -> Array:
     columns, rows = round(sheet.width / size), round(sheet.height / size)
     if columns * rows > MOST_PIXELS:
         raise UsageError(
-            f"the sheet at {dpi:g} dpi has {columns * rows / 1e6:.0f} megapixels; 200 are drawn at most.",
+            f"the sheet at {dpi:g} dpi has {columns * rows / 1e6:.0f} megapixels; at most 200 can be drawn.",
             "Use a lower --dpi, or write an SVG or a PDF.",
         )
     shapes = [RectangleIntegral([p for p in sheet.polygons if is_rectangle(p)])] if sheet.polygons else []
@@ -56,7 +56,7 @@ def draw(sheet: Sheet, dpi: float) -> Array:
         black[start : start + BAND] = sum(shape.on_grid(x, band) for shape in shapes)
     for disc in sheet.circles:
         _add_disc(black, disc, size)
-    assert all(map(is_rectangle, sheet.polygons)), "only rectangles and discs are drawn"
+    assert all(map(is_rectangle, sheet.polygons)), "only rectangles and discs can be drawn"
     picture = np.rint(255 * (1 - np.clip(black, 0, 1))).astype(np.uint8)
     for text, left, base in sheet.numbers:
         _write(picture, text, (left / size, base / size), NUMBER / size)

@@ -141,13 +141,13 @@ def _shapes(target: Target) -> tuple[list[Array], Array, Array]:
     """The polygons (K, 2), circles (C, 3: x, y, radius) and quiet margin (x0, y0, x1, y1) of a target to print, mm."""
     if target.unit not in MILLIMETRES:
         raise UsageError(
-            f"{target.kind} of {target.columns}x{target.rows} has no length and cannot be printed to scale.",
+            f"{target.kind} of {target.columns}x{target.rows} has no unit of length and cannot be printed to scale.",
             f"Give the length with its unit ({', '.join(MILLIMETRES)}), as in checkerboard:9x6:25mm.",
         )
     if target.negative:
         raise UsageError(
-            "a board with black and white exchanged is not printed.",
-            "Leave `negative` out; exchange black and white at the printer if the board has to be black.",
+            "a board with black and white exchanged cannot be printed.",
+            "Leave out `negative`, and invert the colours when printing if the board has to be black.",
         )
     scale, pattern = MILLIMETRES[target.unit], target.pattern()
     circles = np.asarray(pattern.circles, float).reshape(-1, 3) * scale
@@ -217,11 +217,11 @@ def _instructions(target: Target, lengths: tuple[float, float]) -> tuple[str, ..
         'Print at 100 % ("actual size"), not fitted to the page, on matt paper.',
         f"Measure both rulers with a steel rule or calipers. {_ruler_words(lengths)}. If both are off by the same "
         "factor, multiply the lengths of the target in this file by it. If they differ from each other by more than "
-        "0.2 %, the printer stretches the page: use another one, or calibrate with --board-shape print.",
+        "0.2 %, the printer stretches the page: use another printer, or calibrate with --board-shape print.",
         "For an accurate scale, measure across all squares, not across a single one.",
         "Glue the sheet all over to something flat and stiff: float glass, an aluminium composite panel, or the like. "
-        "Hold a straight edge against it in all directions: a gap of a thousandth of its width causes a larger error "
-        "than that of any corner detector. Do not laminate it: glare hides corners.",
+        "Hold a straight edge against it in all directions: a gap of a thousandth of its width causes a "
+        "larger error than any corner detector. Do not laminate it: glare hides corners.",
         "Take 15 to 30 pictures, with the board in all parts of the picture, tilted by 20 to 45 degrees in all "
         "directions, near and far, with focus and zoom fixed.",
     )
