@@ -35,7 +35,7 @@ MODELS = (
     "eucm", "ds", "mei", "fov", "division:1", "division:3", "scaramuzza", "radial-profile", "rational-function",
     "bicubic", "polynomial:5", "spline:8x6",
 )  # fmt: skip
-CV2_COLUMNS = ("project", "unproject, left", "unproject to the end, left")
+CV2_COLUMNS = ("project", "unproject, error", "unproject converged, error")
 #: whose lenses the calibrations see: a webcam, a fisheye
 SOURCES = ("opencv5", "kb4")
 ZERO = np.zeros(3)
@@ -163,7 +163,7 @@ def main() -> None:
     models = told.models.split(";")
     tables: list[tuple[str, list[str], Callable[[str], list[str]]]] = []
     if told.only != "calibration":
-        header = ["model", "project", "unproject", "left, px", *("cv2 " + n for n in CV2_COLUMNS)]
+        header = ["model", "project", "unproject", "error, px", *("cv2 " + n for n in CV2_COLUMNS)]
         tables.append(("lenses-throughput", header, lambda spec: throughput(spec, told.points, told.runs)))
     for source in SOURCES if told.only != "throughput" else ():
         data = board_data(source)

@@ -41,7 +41,7 @@ from camcal.study.cameras import example_camera
 from camcal.study.points import simulate_points
 
 MODELS = ("opencv4", "opencv5", "kb4", "ds")
-#: wanted uncertainties in parts of the noise: what matters is their ratio
+#: required uncertainties in units of the noise: only their ratio matters
 TARGETS = (5.0, 3.0, 2.0)
 NOISE = 0.2
 FIRST = 3
@@ -86,7 +86,7 @@ class Run:
 
     @property
     def worst(self) -> float:
-        """The worst sigma over the picture in parts of the noise."""
+        """The worst sigma over the picture in units of the noise."""
         pixels = image_grid(np.zeros(2), np.subtract(self.truth.image_size, 1.0), columns=9)
         sigmas = worst_sigma(projection_uncertainty(self.solution).at_pixels(pixels, np.inf))
         known = sigmas[~np.isnan(sigmas)]
@@ -152,14 +152,14 @@ def table(seeds: int) -> str:
             print(rows[-1], f"{time.perf_counter() - began:.0f} s", flush=True)
     header = [
         "model",
-        "worst ± in parts of the noise",
+        "worst ± in units of the noise",
         "suggested",
         "random",
         "careful",
         "fewer than random",
         "than careful",
     ]
-    said = f"Pictures until the wanted uncertainty, medians of {seeds} runs (`benchmarks/next_view.py`):\n\n"
+    said = f"Pictures until the required uncertainty, medians of {seeds} runs (`benchmarks/next_view.py`):\n\n"
     return said + markdown(header, rows)
 
 

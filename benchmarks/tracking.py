@@ -1,4 +1,4 @@
-"""Accuracy, honesty, alarms and speed of `camcal track`, beside each frame alone and beside cv2 on each.
+"""Accuracy, consistency, alarms and speed of `camcal track`, compared with estimates from single frames and with cv2.
 
     python benchmarks/tracking.py [--only accuracy,speed,...] [--runs 20] [--long 1000000]
                                   [--write docs/tracking-results.md]
@@ -49,12 +49,12 @@ def accuracy(runs: int, count: int) -> Iterator[list[str]]:
         for method in (*ESTIMATORS, "cv2", "cv2 without outliers"):
             if method.startswith("cv2"):
                 errors = [method_errors(method, kind, pairs) for pairs in streams[: max(runs // 4, 1)]]
-                honesty = [""] * 4
+                consistency = [""] * 4
             else:
                 tracked = [_tracked(method, kind, pairs) for pairs in streams]
                 errors = [state_errors(*one) for one in tracked]
-                honesty = _honesty(tracked, count // 2 if kind == "knock" else None)
-            yield [kind, method, *_over_time(np.array(errors), count // 2), *honesty]
+                consistency = _consistency(tracked, count // 2 if kind == "knock" else None)
+            yield [kind, method, *_over_time(np.array(errors), count // 2), *consistency]
 
 
 def _tracked(method: str, kind: str, pairs: list[Pair]) -> Tracked:
@@ -73,7 +73,7 @@ def _short(x: float) -> str:
     return f"{x:.3f}" if x < 10 else f"{x:,.0f}"
 
 
-def _honesty(tracked: list[Tracked], knock: int | None) -> list[str]:
+def _consistency(tracked: list[Tracked], knock: int | None) -> list[str]:
     normal, alarms, delays = [], 0, []
     for made, states, pairs in tracked:
         normal.append([nees(made, s, t) for s, (_, t) in zip(states, pairs, strict=True)])
@@ -167,14 +167,14 @@ def tables(options: argparse.Namespace) -> dict[str, Callable[[], Iterator[str]]
     half = count // 2
     stretches = [(0, EARLY), (half - LATE, half), (half, half + EARLY), (count - LATE, count)]
     spans = [f"{a} to {b - 1}" for a, b in stretches]
-    honesty = ["worst", "NEES", "in bounds", "alarms", "knock seen"]
+    consistency = ["worst", "NEES", "in bounds", "alarms", "knock seen"]
     stream = ["method", "frames", "MB at 1/100", "MB at 1/10", "MB at the end", "frames/s", "error (px)"]
     apart = ["method", "frames", "change", "apart, sigmas", "apart, factor", "error (px)", "NEES"]
     seen = ["knock", "px", "seen", "expected delay", "median delay", "longest"]
     rates = ["method", "rate stated", "frames", "alarms", "rate found"]
     cases = (("rls", None), ("rls", "mean"), ("kalman", None))
     return {
-        "accuracy": lambda: table(["sequence", "method", *spans, *honesty], accuracy(runs, count)),
+        "accuracy": lambda: table(["sequence", "method", *spans, *consistency], accuracy(runs, count)),
         "false-alarms": lambda: table(rates, false_alarms(runs)),
         "delays": lambda: table(seen, delays(runs)),
         "noise": lambda: table(["noise (px)", "rls, gain mean", "kalman", "iekf"], strong_noise(runs)),

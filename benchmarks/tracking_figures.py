@@ -3,7 +3,7 @@
     python benchmarks/tracking_figures.py [--folder docs/figures]
 
 Needs matplotlib. Writes tracking-error.svg (error over time of each method and sequence), tracking-nees.svg
-(honesty of the filters), tracking-paper.svg (the experiment of Barranco & Medel as a stream).
+(consistency of the filters), tracking-paper.svg (the experiment of Barranco & Medel as a stream).
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def errors(count: int = 200, runs: int = 4) -> Figure:
     return figure
 
 
-def honesty(count: int = 150, runs: int = 20) -> Figure:
+def consistency(count: int = 150, runs: int = 20) -> Figure:
     """NEES per parameter, mean over the runs, with its 95 % bounds."""
     figure = Figure(figsize=(8.5, 4.5), layout="constrained")
     kinds = [k for k in SEQUENCES if k != "knock"]
@@ -149,7 +149,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("docs/figures"))
     folder = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
-    for name, make in {"error": errors, "nees": honesty, "paper": paper}.items():
+    for name, make in {"error": errors, "nees": consistency, "paper": paper}.items():
         make().savefig(folder / f"tracking-{name}.svg")
 
 
