@@ -159,7 +159,7 @@ def pinhole_at_centre(rows: Array) -> Array:
     """A (3, 6) of the homography that makes pixels near the centre those of a pinhole camera: [Q, I]."""
     if not np.linalg.cond(rows[:, 3:]) < MOST_CONDITION:
         raise EstimationError(
-            "the lifted homographies do not determine the rays near the image centre.",
+            "the lifted homographies leave the rays near the image centre undetermined.",
             "Add views that cover more of the picture.",
         )
     return np.asarray(np.linalg.solve(rows[:, 3:], rows))

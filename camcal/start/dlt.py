@@ -68,7 +68,7 @@ def _matrices(views: Sequence[View], normalise: bool = True) -> tuple[Array, flo
         poor = index[normalise & (singular[:, 10] <= UNDETERMINED * singular[:, 0])]
         if len(poor):
             raise EstimationError(
-                f"view '{views[poor[0]].id}': its {xyz.shape[1]} points leave the projection matrix undetermined.",
+                f"view '{views[poor[0]].id}': its {xyz.shape[1]} points do not determine the projection matrix.",
                 "Points in general position are needed: 6 different points, no 5 of them on a plane.",
             )
         depth = np.einsum("vnk,vk->vn", projective.homogeneous(xyz), found[:, 2])

@@ -155,7 +155,7 @@ def _closed_form(begun: _Begun, of_planes: Poses) -> ClosedForm:
     info["tilt_spread_deg"] = _tilt_spread(poses.rotations, form)
     if count > 1 and info["tilt_spread_deg"] < PARALLEL:
         info["degenerate"] = (
-            f"all {count} planes are parallel to within "
+            f"all {count} planes are parallel to each other to within "
             f"{info['tilt_spread_deg']:.1f} degrees, which makes them equivalent to one view"
         )
     matrix = None
