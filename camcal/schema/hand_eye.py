@@ -73,9 +73,9 @@ class Method(Section):
     name: Annotated[str, key("`tsai`, `park`, `horaud`, `andreff`, `daniilidis`, `shah`, `li`")]
     paper: Annotated[str, key("authors and year")]
     rotation_vector: Annotated[
-        Vector | None, key("residual of the hand-eye transformation, rad; null where it failed")
+        Vector | None, key("rotation vector of the hand-eye transformation, rad; null where the method failed")
     ]
-    translation: Annotated[Vector | None, key("of the same")]
+    translation: Annotated[Vector | None, key("its translation")]
     translation_rms: Annotated[Figure, key("residual of the robot's positions")]
     rotation_rms_deg: Annotated[Figure, key("residual of the robot's rotations")]
 
@@ -98,7 +98,7 @@ class PoseOfView(Section, kw_only=True):
     status: Annotated[Literal["used", "outlier"], key("`used` or `outlier`")]
     base_from_hand: Annotated[PlainPose | UnsetType, key("estimated pose, for a used view")] = UNSET
     translation_residual: Annotated[
-        Vector | UnsetType, key("estimated less measured, in the base's frame")
+        Vector | UnsetType, key("estimated minus measured, in the base's frame")
     ] = UNSET
     rotation_residual_deg: Annotated[Figure | UnsetType, key("angle between the two")] = UNSET
 
@@ -109,7 +109,7 @@ class NextPose(Section):
     base_from_hand: Annotated[PlainPose, key("where to move the hand")]
     cam_from_board: Annotated[PlainPose, key("the view of the camera there")]
     sigma_rotation_deg: Annotated[
-        Three, key("standard deviations of the transformation with this pose and those before it")
+        Three, key("standard deviations of the transformation's rotation with this pose and those before it")
     ]
     sigma_translation: Annotated[Three, key("the same of its translation")]
 
@@ -120,11 +120,11 @@ class HandEye(Section, kw_only=True):
     setup: Annotated[
         Literal["in-hand", "to-hand"], key("`in-hand`: the camera moves; `to-hand`: the board does")
     ]
-    hand_from_camera: Annotated[KnownPose | UnsetType, key("of a camera in the hand")] = UNSET
+    hand_from_camera: Annotated[KnownPose | UnsetType, key("for a camera in the hand: its pose")] = UNSET
     base_from_board: Annotated[
         KnownPose | UnsetType, key("for a camera in the hand: the pose of the board")
     ] = UNSET
-    base_from_camera: Annotated[KnownPose | UnsetType, key("of a camera beside the robot")] = UNSET
+    base_from_camera: Annotated[KnownPose | UnsetType, key("for a camera beside the robot: its pose")] = UNSET
     hand_from_board: Annotated[
         KnownPose | UnsetType, key("for a fixed camera: the pose of the board in the hand")
     ] = UNSET
