@@ -159,7 +159,9 @@ def table(seeds: int) -> str:
         "fewer than random",
         "than careful",
     ]
-    said = f"Pictures until the required uncertainty, medians of {seeds} runs (`benchmarks/next_view.py`):\n\n"
+    said = (
+        f"Pictures until the required uncertainty, medians of {seeds} runs (`benchmarks/next_view.py`):\n\n"
+    )
     return said + markdown(header, rows)
 
 

@@ -35,7 +35,7 @@ class UsageError(CamcalError):
 
 
 class DataError(CamcalError):
-    """The input is unreadable, or too little, or not what it says it is."""
+    """The input is unreadable, insufficient, or not of the kind that it claims to be."""
 
     exit_code = 3
 

@@ -75,7 +75,7 @@ def promise(solution: Calibration) -> Promise | None:
 
 
 def step(solution: Calibration, board: Board) -> tuple[float, float, Array] | None:
-    """The cost, what the step takes off it, and the shape's parameters (B,); None where it cannot be made."""
+    """The cost, its decrease by the step, and the shape's parameters (B,); None where it cannot be made."""
     data, free = solution.observations.kept(), solution.free[:, solution.free.any(0)]
     weights = data.precision_by_view
     problem = BoardProblem(solution.camera.lens, data.views, free, board, weights)

@@ -73,7 +73,7 @@ class Turned:
 
 
 def decided(flat: Estimate, how: How) -> Turned | None:
-    """The fit with turned views counted from the other end; None where no view is, or nothing tells.
+    """The fit with turned views counted from the other end; None if no view is rotated, or the data do not decide.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def decided_by_known(fit: Calibration, how: How) -> Turned | None:
 
 
 def half_turn(data: Observations, ideal: Array | None = None) -> Pose | None:
-    """Half a turn of a board in its plane after which it looks the same; None of boards whose turn is known.
+    """The half turn of a board in its plane after which it looks the same; None for boards whose orientation is known.
 
     `ideal` are its points (M, 3) as designed where the observations hold others.
     """
@@ -201,7 +201,7 @@ def _allowed(views: int) -> float:
 
 
 def _variance(fit: Estimate) -> float:
-    """Of a coordinate, in the unit of the weights."""
+    """The variance of a coordinate, in the unit of the weights."""
     return max(2 * fit.fit.cost / redundancy(fit), np.finfo(float).tiny)
 
 

@@ -120,7 +120,7 @@ def known_motion(data: Observations) -> bool:
 
 
 def corrected(data: Observations, time: float) -> Observations:
-    """The observations as rows that are all read at once would show them; views of unknown motion stay as they are.
+    """The observations corrected as if all rows were read at once; views of unknown motion stay unchanged.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def corrected(data: Observations, time: float) -> Observations:
 
 
 def _displaced(flow: Array, uv: Array, size: tuple[int, int]) -> Array:
-    """By how much (N, 2) a readout of one frame displaces points, px."""
+    """The displacement (N, 2) of points by a readout of one frame, px."""
     return ((uv[:, 1] + 0.5) / size[1])[:, None] * flow_at(flow, uv, size)
 
 

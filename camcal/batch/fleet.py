@@ -119,7 +119,7 @@ def controls(rows: Sequence[Row]) -> list[Control]:
 
 
 class _Group:
-    """The cameras of a type: their names, and of each quantity which have it, its values and their sigmas."""
+    """The cameras of a type: their names, and for each quantity the cameras that have it, its values and sigmas."""
 
     def __init__(self) -> None:
         self.names: list[str] = []

@@ -169,7 +169,7 @@ def _job(
     source: str,
     shared: dict[str, dict[str, Any]],
 ) -> Job:
-    """One job; `shared` are the options that earlier ones have, by what was given: thousands have the same."""
+    """One job; `shared` caches the options of earlier jobs by what was given, since thousands can have the same."""
     where = f"{source}: job {number}"
     if not isinstance(entry, Mapping):
         raise UsageError(f"{where} is not a mapping.", "Each job is {name: ..., images or points: ...}.")

@@ -85,7 +85,7 @@ def page(rows: Sequence[Row], controls: Sequence[Control]) -> str:
 
 
 def _table(rows: Sequence[Row]) -> str:
-    """Failed jobs, fallen gates and outliers first, then the others by rank."""
+    """Failed jobs, failed gates and outliers first, then the others by rank."""
     first = heapq.nsmallest(
         MOST_ROWS, rows, key=lambda row: (not _is_bad(row), row["rank"] or 0, row["name"])
     )

@@ -51,7 +51,7 @@ class State:
         self._written = time.monotonic()
 
     def load(self, jobs: Sequence[Job]) -> None:
-        """Take the rows of jobs that are finished as they are asked for now; failed ones are done again."""
+        """Load the rows of jobs that finished with the present inputs and options; failed ones are repeated."""
         wanted = {job.name: (job.digest, job.type) for job in jobs}
         for name in sorted(self.storage.names(STATE)):
             text = self.storage.read(f"{STATE}/{name}") or ""
@@ -86,7 +86,7 @@ class State:
         return {"name": name, "type": "", "digest": digest, "seconds": None, **row}
 
     def add(self, row: Row) -> None:
-        """Take a new row; it is noted with others, soon."""
+        """Add a new row; it is saved together with others."""
         self.rows[row["name"]] = packed(row)
         self._new.append(row)
         if len(self._new) >= ROWS or time.monotonic() - self._written > NOTED:
@@ -110,7 +110,7 @@ def run(
     force: bool = False,
     on_row: OnRow = lambda row, done, total: None,
 ) -> Rows:
-    """Do all jobs; their rows in the order of the jobs.
+    """Run all jobs; return their rows in the order of the jobs.
 
     Parameters
     ----------

@@ -63,7 +63,7 @@ def _report(camera: Any, points: Path, options: dict[str, Any], words: list[str]
 
 
 def _warnings(entries: list[dict[str, Any]], wide: dict[str, float | None]) -> list[dict[str, str]]:
-    """`wide` holds half of the 95 % interval of each view's distance, as a part of it."""
+    """`wide` holds half of the 95 % interval of each view's distance, as a fraction of it."""
     from camcal.report.routes import uncertain_distance, warning
     from camcal.routes.distance import LINEAR
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, inputs: tuple[str, ...], **options: Any) -> int:
-    """Calibrate two or more cameras and where they stand to each other.
+    """Calibrate two or more cameras and their relative poses.
 
     TABLE has the columns camera, view, X, Y, Z, u, v (and sigma, id); the same view is the same instant. Or each
     camera is given by a name and its pictures: left=FOLDER right='imgs/right*.jpg'. Pictures of the same instant have

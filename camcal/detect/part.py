@@ -102,7 +102,7 @@ class Kept:
         self._bytes = 0
 
     def begin(self, jobs: int | None) -> None:
-        """Begin another search, with so many processes."""
+        """Begin another search with the given number of processes."""
         self.jobs = jobs
         self.clear()
 

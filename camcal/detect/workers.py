@@ -107,7 +107,7 @@ class Workers:
                     yield index, crashed(item)
 
     def _worth_others(self, left: int) -> bool:
-        """Return whether so many more items justify other processes, judging by the time of the first ones."""
+        """Return whether the remaining items justify other processes, judging by the time of the first ones."""
         if not self._open or self.jobs < 2 or left < 2:
             return False
         if self._pool is not None:
@@ -227,7 +227,7 @@ def _without_main() -> Iterator[None]:
 
 @contextlib.contextmanager
 def one_thread_each() -> Iterator[None]:
-    """Limit processes that start meanwhile to one thread each for linear algebra, since they fill the machine."""
+    """Limit processes that start meanwhile to one thread each for linear algebra, since they use all processors."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:

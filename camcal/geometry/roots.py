@@ -1,4 +1,4 @@
-"""Roots of polynomials and eigenvalues that are real but for rounding."""
+"""Roots of polynomials and eigenvalues that are real up to rounding."""
 
 from __future__ import annotations
 

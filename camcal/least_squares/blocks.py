@@ -32,7 +32,7 @@ RANK = 1e-14
 
 
 def bounded_inverse(normal: Array) -> Array:
-    """The inverse (P, P) of a normal matrix, positive definite whatever rounding does.
+    """The inverse (P, P) of a normal matrix, positive definite despite rounding.
 
     The eigenvalues of undetermined directions are rounding errors and may be negative; they are replaced by the limit
     of rounding, so that the parameters that depend on these directions have very large variances. A parameter without

@@ -311,9 +311,7 @@ def _covering(at: Callable[[float], Rectification], low: float) -> float:
 
 
 def _refuse_epipoles(cameras: tuple[Camera, Camera], turns: Array, axis: int) -> None:
-    """Reject perspective pictures that would contain the image of the other camera's centre, which lies at
-    infinity.
-    """
+    """Reject perspective pictures that contain an epipole, since rectification would move it to infinity."""
     along = np.eye(3)[axis]
     for camera, turn in zip(cameras, turns, strict=True):
         if _sources(camera, turn, np.stack([along, -along]))[1].any():

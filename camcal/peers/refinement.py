@@ -179,7 +179,7 @@ def compare(
 
 
 def _same(result: Result, solution: Calibration) -> bool:
-    """Return whether cv2's rms is camcal's, or larger by what rounding its points adds to the residuals' squares."""
+    """Return whether cv2's rms equals camcal's, or exceeds it by at most the effect of rounding its points."""
     more, enough = result.rms_point - solution.rms_point, SAME * solution.rms_point + LOWER_PX
     rounding = _rounding(solution) if result.rounded else 0.0
     return -enough <= more <= enough + float(np.hypot(solution.rms_point, rounding)) - solution.rms_point
@@ -220,14 +220,14 @@ def _judged(solution: Calibration, result: Result, against: str, said: list[str]
 
 
 def _lower(solution: Calibration) -> float:
-    """The part of the rms by which cv2 may be lower."""
+    """The fraction of the rms by which cv2 may be lower."""
     if solution.fit.stop_reason != STILL:
         return LOWER
     return LOWER_CHI2 / (4 * max(int(solution.used.sum()), 1))  # chi² is 2 N (rms / sigma)²
 
 
 def _unseen(solution: Calibration, result: Result) -> int:
-    """How many used points lie outside the domain of cv2's camera, at the poses it returned."""
+    """The number of used points outside the domain of cv2's camera, at the poses it returned."""
     off = residuals(result.camera, result.poses, solution.observations)
     return int(np.isnan(off[solution.used]).any(1).sum())
 
@@ -255,7 +255,7 @@ def _rounding(solution: Calibration) -> float:
 
 
 def same_sigmas(solution: Calibration, rounded: bool) -> float:
-    """The joint distance in standard deviations up to which the parameters of two solutions are one optimum.
+    """The joint distance in standard deviations up to which the parameters of two solutions count as the same optimum.
 
     Errors of e px in the coordinates, independent of the noise with sigma_0, move the optimum by e / sigma_0 standard
     deviations times the root of a chi² with as many degrees of freedom as there are parameters.

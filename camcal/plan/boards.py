@@ -1,4 +1,4 @@
-"""Attempts at what a flat board at rest leaves unexplained: a rolling shutter, then the shape: bowl, print, free."""
+"""Attempts to explain the residuals of a flat, still board: a rolling shutter, then the shape: bowl, print, free."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _known_shape(progress: Progress) -> bool:
 
 
 def _turn(progress: Progress) -> Change | None:
-    """All views count the points of a board that looks the same after half a turn from the same end.
+    """Renumber views so that all count the points of a board with half-turn symmetry from the same end.
 
     Otherwise its shape would be mixed with itself upside down. Other shapes than the free one are the same either way.
     """
@@ -115,7 +115,7 @@ def _flat_fit(progress: Progress) -> Estimate | None:
 
 
 def _shutter(progress: Progress) -> Change | None:
-    """A rolling shutter as the cause, before a board that is free to follow the motion takes its part.
+    """Test a rolling shutter first, since a board of free shape could absorb the motion.
 
     The flat board is fitted to points corrected for the readout time that its residuals show. Where that is better than
     without, the points stay corrected: a shape then has to be better than the shutter alone.
@@ -208,7 +208,7 @@ def _each_applies(progress: Progress) -> bool:
 
 
 def _each(progress: Progress) -> Change | None:
-    """Another kind of shape for one board at a time, where that is better; a board without need of one is flat."""
+    """Another kind of shape for one board at a time, if that is better; a board that needs none stays flat."""
     assert progress.best is not None
     best, several = progress.best, Several.of(progress.estimate.observations.kept())
     assert several is not None and best.calibration.board is not None
@@ -232,7 +232,7 @@ def _each(progress: Progress) -> Change | None:
 
 
 def _one_board(kinds: str, best: Candidate, progress: Progress) -> Trial | None:
-    """A trial with one kind for each board; None where the data do not allow it, without a hold-out where refused."""
+    """A trial with one kind for each board; None if the data do not allow it, without a hold-out if refused."""
     flat, how = _flat(progress), replace(progress.how, board=kinds)
     if not set(kinds.split("+")) & set(CANDIDATES):
         return None  # all flat: compared before

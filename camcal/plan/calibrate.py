@@ -152,7 +152,7 @@ def _followed(
 
 
 def _usable(given: Any, known: bool) -> Observations:
-    """`usable` of what may be something else."""
+    """Check the type of the observations, then apply `usable`."""
     if not isinstance(given, Observations):
         raise UsageError(
             f"the observations of a camera are needed; a {type(given).__name__} was given.",
@@ -169,7 +169,7 @@ def _placed(given: Observations, asked: Options) -> tuple[Progress, None]:
 
 
 def _silent(_: str, __: Mapping[str, Any]) -> None:
-    """Tell nobody."""
+    """Ignore the event."""
 
 
 def _solved(

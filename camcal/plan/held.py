@@ -1,4 +1,4 @@
-"""Parameters held where a closed form put them: `--fix fx` without a value, and without a camera to start from."""
+"""Parameters held at the estimate of a closed form: `--fix fx` without a value, and without a camera to start from."""
 
 from __future__ import annotations
 

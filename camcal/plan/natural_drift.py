@@ -25,7 +25,7 @@ Array = np.ndarray
 def follow_scenes(
     rig: RigSolution, instants: Iterable[tuple[str, Shared]], false_alarm: float = 1e-6
 ) -> Followed:
-    """Test at each instant whether the cameras stand where the calibration of the rig says, from matches.
+    """Test at each instant whether the cameras are where the calibration of the rig says, from matches.
 
     Which matches count is decided without the places of the cameras under test (`camcal.routes.natural`). A change has
     to move points by more than the calibration's rms_point, and by more than lenses are off: what is left of the
@@ -107,7 +107,7 @@ class _Sides:
 
 
 def _smooth(first: Array, second: Array, left: Array) -> float:
-    """The part of residuals that is the same in neighbouring matches, px: errors of the lenses."""
+    """The part of residuals that neighbouring matches have in common, px: errors of the lenses."""
     apart = np.linalg.norm(second - first, axis=1)
     noise = local_scatter(np.c_[first, apart], left)
     whole, random = (MAD * float(np.median(np.abs(v))) for v in (left, noise))

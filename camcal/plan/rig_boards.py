@@ -72,7 +72,7 @@ class Layout:
 
     @property
     def turned_pictures(self) -> int:
-        """How many views counted a board from another end."""
+        """The number of views that counted a board from another end."""
         return sum(len(own) for own in self.turned.values())
 
 
@@ -151,7 +151,7 @@ def layout(
 
 
 def _turned(sights: _Sights, cameras: _Groups, boards: _Groups, corners: Array) -> Array:
-    """By which of its turns (S,) the board of each view is to be turned, where cameras and boards are placed."""
+    """The symmetry (S,) by which the board of each view is to be rotated, if cameras and boards have poses."""
     found = np.zeros(len(sights.camera), int)
     if sights.turned.shape[1] > 1:
         keys = np.stack([cameras.of[sights.camera], boards.of[sights.board], sights.instant], 1)
@@ -212,9 +212,7 @@ def _corners(fits: Mapping[str, Calibration]) -> Array:
 def _seen(
     sights: _Sights, cameras: _Groups, boards: _Groups, group: int, board: int
 ) -> tuple[Array, Poses, Array]:
-    """When a group of cameras saw a group of boards (T,), its poses then (T, K), and the variance: of the best picture
-    each.
-    """
+    """Common instants (T,) of cameras and boards, poses (T, K), and the variance: of the best picture each."""
     rows = np.flatnonzero((cameras.of[sights.camera] == group) & (boards.of[sights.board] == board))
     rows = rows[np.lexsort((sights.variance[rows], sights.instant[rows]))]
     instants, first = np.unique(sights.instant[rows], return_index=True)
@@ -232,7 +230,7 @@ def _link(a: tuple[Array, Poses, Array], b: tuple[Array, Poses, Array], corners:
 
 
 def _join_best(groups: _Groups, others: _Groups, linked: Callable[[int, int, int], Link | None]) -> _Pair:
-    """Put the two groups together that know most about each other by way of one group of the other kind.
+    """Join the two groups whose relative pose is best determined through one group of the other kind.
 
     `linked` estimates first_from_second of two groups by way of a third. None where it does for no two.
     """
@@ -248,7 +246,7 @@ def _join_best(groups: _Groups, others: _Groups, linked: Callable[[int, int, int
 def _by_cameras(
     sights: _Sights, cameras: _Groups, boards: _Groups, corners: Array, names: Sequence[str]
 ) -> str:
-    """Put the two groups of cameras together that know most about each other; what was done, "" where nothing."""
+    """Join the two groups of cameras with the best-determined relative pose; return a description, or ""."""
 
     def linked(a: int, b: int, board: int) -> Link | None:
         one, other = (_seen(sights, cameras, boards, c, board) for c in (a, b))
@@ -290,7 +288,7 @@ def _by_both(
     boards_called: Sequence[str],
     corners: Array,
 ) -> str:
-    """Put two groups of cameras and two of boards together that are seen pair by pair at the same instants."""
+    """Join two groups of cameras and two of boards that are seen pair by pair at the same instants."""
     size = float(np.linalg.norm(corners - corners.mean(0), axis=1).max())
     groups, plates = np.unique(cameras.of).tolist(), np.unique(boards.of).tolist()
     tried = []

@@ -84,7 +84,7 @@ def follow(rig: RigSolution, views: RigViews, false_alarm: float = 1e-6, robust:
 
 
 def require_cameras(rig: RigSolution, names: Iterable[str]) -> None:
-    """Raise a DataError where one is not of the rig."""
+    """Raise a DataError if a camera does not belong to the rig."""
     strangers = [n for n in names if n not in rig.rig.cameras]
     if strangers:
         raise DataError(
@@ -102,7 +102,7 @@ def tested(
     alone: tuple[str, ...],
     points: int,
 ) -> Followed:
-    """The instants in their order through the test; `known` are those of the calibration, where there are any."""
+    """Apply the test to the instants in order; `known` are those of the calibration, if any."""
     names = tuple(rig.rig.cameras)
     accuracy = covariance(rig).free
     follower = RigFollower(names, accuracy, *excess(made, known, accuracy), least_px, false_alarm)

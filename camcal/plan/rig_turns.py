@@ -1,4 +1,4 @@
-"""Several boards that look the same after a turn: which way each view counted the points of its board.
+"""Several boards with rotational symmetries: from which end each view counted the points of its board.
 
 A view of such a board has several poses, P s with the symmetries s of the board, one of which is that of the board as
 the other views count it. Two lists of poses at the same instants are joined by the relative pose with which most

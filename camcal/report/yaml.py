@@ -48,7 +48,7 @@ class ReportDumper(_Dumper):
         return True
 
     def resolve(self, kind: Any, value: Any, implicit: Any) -> Any:
-        """The tag that a reader gives to a plain scalar; found once for the keys and words of all reports."""
+        """The tag that a reader gives to a plain scalar; cached for the keys and words of all reports."""
         scalar = kind is yaml.ScalarNode
         return _resolved(value, implicit) if scalar else super().resolve(kind, value, implicit)
 
@@ -120,7 +120,7 @@ def _dumped(value: Any) -> str:
 
 
 def _option(name: str, entry: Any) -> str:
-    """The lines of an option in a report; made once for all reports that have the same."""
+    """The lines of an option in a report; cached for all reports that have the same."""
     key = f"{name} {entry!r}"
     if key not in _option_lines:
         if len(_option_lines) >= MOST_OPTIONS:

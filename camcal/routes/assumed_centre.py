@@ -1,4 +1,4 @@
-"""A principal point, or centre of distortion, that the data leave undetermined: the middle of the picture is assumed.
+"""A principal point, or centre of distortion, that the data leave undetermined: the image centre is assumed.
 
 The rule of all routes without known points: it is freed where its standard deviation is small enough, and otherwise
 held; the other standard deviations contain the uncertainty of the assumption.
@@ -31,7 +31,7 @@ def undetermined(camera: Camera, sigmas: Array, names: Sequence[str]) -> tuple[s
 
 
 def doubt(camera: Camera, assumed: Sequence[str], refitted: Callable[[Camera, str], Array | None]) -> Array:
-    """The covariance (P, P) of the other parameters by the uncertainty of the assumed ones: `CENTRE`, one sigma.
+    """The covariance (P, P) of the other parameters due to the uncertainty of the assumed ones: `CENTRE`, one sigma.
 
     `refitted` gives the parameters (P,) that fit a camera with that coordinate moved; None if none do.
     """
@@ -55,7 +55,7 @@ def moved(camera: Camera, name: str) -> Camera:
 
 
 def px_per_unit(camera: Camera, name: str) -> float:
-    """Px of a unit of a coordinate."""
+    """The number of px per unit of a coordinate."""
     focal = dict(zip(FOCAL_LENGTHS, camera.params[:2].tolist(), strict=True))
     return float(focal.get(name, 1.0))
 

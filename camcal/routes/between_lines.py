@@ -1,4 +1,4 @@
-"""Uncertainty by the scatter between lines: what the lens would be without each of them.
+"""Uncertainty from the scatter between lines: the change of the lens when each line is left out.
 
 Curves that a program finds in a picture may contain edges joined by mistake. Points of such a curve share its error, so
 that residuals of points do not show how uncertain the lens is.

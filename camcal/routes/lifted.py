@@ -139,7 +139,7 @@ def _off(rays: Array, matches: list[tuple[Array, Array]]) -> Array:
 
 
 def _least_squares(rays: Array, along: Array, matches: list[tuple[Array, Array]]) -> Array:
-    """A (3, 6) with the least distances over steps of its quadratic part along (K, 3, 3)."""
+    """The A (3, 6) that minimises the distances, over steps of its quadratic part along (K, 3, 3)."""
     steps = np.concatenate([along, np.zeros_like(along)], 2)
 
     def moved(x: Array) -> Array:

@@ -222,7 +222,7 @@ def _moving(lines: Lines, lens: Lens, free: Array, state: _State) -> Array:
 
 
 def foreseen(lines: Lines, found: LineFit, fix: Mapping[str, float | None]) -> Array:
-    """Standard deviations (P,) of the parameters that a fit with other parameters held would have, from one step of it.
+    """Predicted standard deviations (P,) of the parameters in a fit with other parameters held, from one step.
 
     The step tells how much of the residuals is due to what `found` held.
     """

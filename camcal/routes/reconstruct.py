@@ -133,7 +133,7 @@ def grow(bundle: Bundle, tracks: Tracks, free: Array) -> Bundle:
 
 
 def _due(since: int, known: int) -> bool:
-    """Return whether all are adjusted, so many views after the last time."""
+    """Return whether a joint adjustment is due, given the number of views since the last one."""
     return since >= max(EVERY, EVERY_SHARE * known) or known <= 2 * EVERY
 
 

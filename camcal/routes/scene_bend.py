@@ -26,8 +26,10 @@ WITH_DISTORTION = "division:1"
 
 
 def common_bend(lines: Lines, centre: Array) -> float:
-    """The bend that all lines share, in standard errors; NaN of fewer than two lines with enough different points, and
-    of lines that a lens bends in no case (all through the centre) or that are straight to the last digit.
+    """The bend that all lines share, in standard errors; NaN for fewer than two usable lines.
+
+    Lines without enough different points are not usable; NaN is also returned if no lens bends the lines (all pass
+    through the centre), or if they are straight to the last digit.
 
     One term of distortion k moves a point by k r² of its distance r from the centre: a line at the distance d with the
     half length a is bent by b = k d a² in its middle, and k is the regression of the b on d a². The standard error is

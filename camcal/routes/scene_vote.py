@@ -1,4 +1,4 @@
-"""Which lines of a picture belong to which of three directions, by a mixture of four sources.
+"""Assignment of the lines of a picture to three directions, by a mixture of four components.
 
 A line of direction i misses the vanishing point of i by m px at its ends, with the expected deviation σ; m / σ follows
 Student's t, whose tails represent lines that are only nearly in the direction. A line of no direction has any angle.

@@ -73,7 +73,8 @@ class Method(Section):
     name: Annotated[str, key("`tsai`, `park`, `horaud`, `andreff`, `daniilidis`, `shah`, `li`")]
     paper: Annotated[str, key("authors and year")]
     rotation_vector: Annotated[
-        Vector | None, key("rotation vector of the hand-eye transformation, rad; null where the method failed")
+        Vector | None,
+        key("rotation vector of the hand-eye transformation, rad; null where the method failed"),
     ]
     translation: Annotated[Vector | None, key("its translation")]
     translation_rms: Annotated[Figure, key("residual of the robot's positions")]

@@ -126,7 +126,7 @@ def refine(
 
 
 class Posed(NamedTuple):
-    """A refinement to be done: the start with the held values applied, the matrices (P, F) of its free parameters, the
+    """A refinement to be run: the start with the held values applied, the matrices (P, F) of its free parameters, the
     problem, and its first state.
     """
 

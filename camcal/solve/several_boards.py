@@ -1,4 +1,4 @@
-"""The places and shapes of several boards in one calibration, as directions of all their points.
+"""The poses and shapes of several boards in one calibration, as displacement directions of all their points.
 
 Boards that are fixed to each other are placed together with the cameras: each is rotated about the mean of its points
 and shifted. If shapes are estimated, each board has its own, with a common kind or a separate one: the directions of
@@ -58,9 +58,7 @@ class Several:
 
 
 def places(points: Array, part: Array) -> Array:
-    """(3 M, 6 K): each of K parts rotated about the mean of its points by a small vector, and shifted; part -1 is
-    fixed.
-    """
+    """Directions (3 M, 6 K): small rotations of K parts about the means of their points, and shifts; -1 is fixed."""
     count = int(part.max(initial=-1)) + 1
     basis = np.zeros((len(points), 3, 6 * count))
     for k in range(count):
@@ -109,7 +107,7 @@ def shapes(
     kinds: Sequence[str],
     directions_of: Mapping[str, Directions],
 ) -> Array:
-    """(3 M, B): the directions of the shapes of all boards whose views determine one.
+    """Directions (3 M, B) of the shapes of all boards whose views determine one.
 
     Parameters
     ----------
@@ -143,7 +141,7 @@ def shapes(
 
 
 def similarities(points: Array) -> Array:
-    """(3 M, 7): shifts of points (M, 3), small turns about their mean, and a change of size."""
+    """Directions (3 M, 7): shifts of points (M, 3), small rotations about their mean, and a change of scale."""
     x = points - points.mean(0)
     shifts = np.tile(np.eye(3), (len(x), 1, 1))
     return np.concatenate([shifts, rotations.skew(x), x[:, :, None]], 2).reshape(-1, 7)

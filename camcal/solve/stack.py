@@ -75,7 +75,7 @@ class Steps(NamedTuple):
 
 @dataclass(frozen=True)
 class Portion:
-    """Views of several members that are processed together: `owner` (G,) is the place of each one's member."""
+    """Views of several members that are processed together: `owner` (G,) is the index of each view's member."""
 
     owner: Array
     views: Array
@@ -167,7 +167,7 @@ class Stack:
         self._scratch = np.empty(max(p.uv.size for p in self._portions) * rows)
 
     def _projection(self, params: Array, owner: Array) -> Any:
-        """`Lens.linearise` with the parameters of each view's owner; camera by camera where the lens wants it."""
+        """`Lens.linearise` with the parameters of each view's owner; camera by camera if the lens requires it."""
         if self.lens.stackable:
             stacked = np.ascontiguousarray(params[owner].T)[..., None]
             return lambda *points: self.lens.linearise(stacked, *points)
@@ -220,7 +220,7 @@ class Stack:
 
 
 def portions(problems: Sequence[Problem], rows: int) -> list[Portion]:
-    """The groups of all problems, those of one length together, so many at a time that their rows stay in the cache.
+    """The groups of all problems, those of equal length together, in portions whose rows stay in the cache.
 
     A view is padded as in its own problem, to the length of its own group.
     """

@@ -1,4 +1,4 @@
-"""Refinements of many cameras at once, those that are alike as one batch."""
+"""Refinements of many cameras at once; those with equations of the same size form one batch."""
 
 from __future__ import annotations
 

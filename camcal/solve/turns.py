@@ -1,4 +1,4 @@
-"""Rotational symmetries of boards, and the renaming of points by one of them."""
+"""Rotational symmetries of boards, and the renumbering of points by one of them."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def turns_of(points: Array) -> tuple[Pose, ...]:
 
 @dataclass(frozen=True)
 class Renaming:
-    """The points (M, 3) of a board and their ids, to rename them after a turn."""
+    """The points (M, 3) of a board and their ids, to renumber them after a rotation."""
 
     points: Array
     ids: Array | None
@@ -65,13 +65,13 @@ class Renaming:
 
     @classmethod
     def of(cls, data: Observations) -> Renaming:
-        """Of the points that views show."""
+        """Make it from the points that views show."""
         first, _ = distinct_rows(data.xyz)
         points = data.xyz[first]
         return cls(points, None if data.point is None else data.point[first], Neighbours(points))
 
     def rename(self, columns: tuple[Array, Array | None], rows: slice, turn: Pose) -> None:
-        """Turn the points of some rows."""
+        """Renumber the points of some rows."""
         xyz, ids = columns
         which = self.tree.query(turn.apply(xyz[rows]))[1]
         xyz[rows] = self.points[which]

@@ -50,7 +50,7 @@ def simulate_pictures(
 
 
 def uneven_looks(base: Look, rng: np.random.Generator, count: int) -> list[Look]:
-    """The same look with light from a different side in each picture."""
+    """A `Look` for each picture, with light from a different side."""
     return [
         Look(**{**base.__dict__, "gradient": rng.uniform(0, 0.4), "direction": rng.uniform(0, 2 * np.pi)})
         for _ in range(count)

@@ -24,7 +24,7 @@ def simulate_points(
     clip: bool = True,
     names: list[str] | None = None,
 ) -> Observations:
-    """Project points from each pose and disturb them.
+    """Project points from each pose and add noise.
 
     Points outside the lens's domain are omitted from their view.
 

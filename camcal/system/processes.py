@@ -35,7 +35,7 @@ def limit_linear_algebra() -> None:
 
 
 def copies_itself() -> bool:
-    """Return whether worker processes can be copies of this one, which start in .01 s instead of .5 s.
+    """Return whether worker processes can be forked from this one, which takes .01 s instead of .5 s.
 
     A copy has the thread that made it alone, and what another one had locked stays locked in it: it is safe while this
     process has a single thread, with those of linear algebra and OpenCV counted. On macOS the system's own libraries
@@ -64,7 +64,7 @@ def one_opencv_thread() -> Iterator[None]:
 
 
 def collect_seldom() -> None:
-    """Look for cycles of garbage every 100,000 new objects, not every 700: they are rare, and imports make none.
+    """Search for garbage cycles every 100,000 new objects instead of every 700: they are rare, and imports make none.
 
     2 % of the processor time of the command on 13 pictures, for a megabyte.
     """
@@ -93,7 +93,7 @@ def keep_freed_memory() -> None:
 
 
 def leave(code: int) -> None:
-    """End the program with its exit code, without taking the modules apart one by one.
+    """End the program with its exit code, without the interpreter's teardown of modules.
 
     That takes .09 s for the modules of a calibration, a quarter of their import, and frees what the system frees too.
     Functions registered for the end run; while threads or processes are left, the interpreter's own end waits for them.

@@ -1,4 +1,4 @@
-"""stdout and stderr of a run, whatever their encoding, closed or full: text arrives, or its loss is an error."""
+"""stdout and stderr of a run, with any encoding, also if closed or full: text is written, or an error is raised."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ class Test:
 
     @property
     def probability(self) -> float:
-        """Of so large a figure without a change."""
+        """The probability of a figure at least this large without a change."""
         return float(fdtrc(self.rank, self.freedom, self.chi2 / self.rank)) if self.rank else 1.0
 
 
@@ -278,7 +278,7 @@ def _sum(arrays: Sequence[Array]) -> Array:
 
 
 def disagreement(a: Instant, b: Instant, camera: int, calibration: Array) -> tuple[float, int]:
-    """χ² of the difference of what two instants say of a camera, and its degrees of freedom: what both tell.
+    """χ² of the difference between two instants' estimates of a camera's pose, and its degrees of freedom.
 
     An error of the calibration (covariance (F, F)) moves both, and each in its own way where they see other places.
     """
@@ -291,7 +291,7 @@ def disagreement(a: Instant, b: Instant, camera: int, calibration: Array) -> tup
 
 
 def excess(instants: Sequence[Instant], known: Sequence[Instant], calibration: Array) -> tuple[float, float]:
-    """By how much instants scatter more than their noise says, as a factor of the variance, and its degrees of freedom.
+    """The scatter of instants relative to their noise, as a factor of the variance, and its degrees of freedom.
 
     Lenses and boards that are not quite as modelled put a board a little elsewhere at each place. Seen from neighbours,
     of which a change of the rig moves one pair only (the median), and from `known` instants, those of the calibration

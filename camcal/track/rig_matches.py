@@ -80,7 +80,7 @@ class PairMatches:
 
 @dataclass(frozen=True)
 class Matched:
-    """The equations of an instant, and what is left of its matches after the cameras are moved to where these fit best.
+    """The equations of an instant, and the residuals of its matches after the best-fitting motion of the cameras.
 
     `left` has an array (N,) for each pair, px.
     """
@@ -135,7 +135,7 @@ def instant_of_matches(
 
 
 def _information(e: Array, inside: Array, rank: int) -> float:
-    """Of a match, px⁻²: (mean ψ')² / mean ψ² with Tukey's ψ (P. Huber, Robust statistics, 1981, eq. 7.6.2)."""
+    """Information of a match, px⁻²: (mean ψ')² / mean ψ², Tukey's ψ (P. Huber, Robust statistics, 1981, eq. 7.6.2)."""
     psi, slope = inside**2 * e, inside * (5 * inside - 4)  # inside = 1 - u², ψ' = (1 - u²)(1 - 5 u²)
     spread = float(np.square(psi).sum()) / max(len(e) - rank, 1)
     return float(slope.mean()) ** 2 / max(spread, np.finfo(float).tiny)

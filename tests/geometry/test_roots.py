@@ -1,4 +1,4 @@
-"""Roots that are real but for rounding."""
+"""Roots that are real up to rounding."""
 
 import numpy as np
 

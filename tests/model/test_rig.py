@@ -75,7 +75,7 @@ TWO = Pose.from_vector(np.zeros((2, 3)), np.zeros((2, 3)))
             "left",
             "a pose of 'bottom', but no such camera",
         ),
-        ({"right": RIGHT_FROM_RIG}, "middle", "no camera 'middle' for its reference"),
+        ({"right": RIGHT_FROM_RIG}, "middle", "the reference camera 'middle' is not among"),
         (
             {"left": RIGHT_FROM_RIG, "right": RIGHT_FROM_RIG},
             "left",
@@ -84,7 +84,7 @@ TWO = Pose.from_vector(np.zeros((2, 3)), np.zeros((2, 3)))
         ({"right": scaled(ROTATION_TOLERANCE)}, "left", "'right' is not a rigid transformation"),
         ({"right": MIRRORED}, "left", "'right' is not a rigid transformation"),
         ({"right": NOWHERE}, "left", "'right' is not a rigid transformation"),
-        ({"right": TWO}, "left", "'right' is not one rotation"),
+        ({"right": TWO}, "left", "'right' is not a single rotation"),
     ],
 )
 def test_refused(poses, reference, said):

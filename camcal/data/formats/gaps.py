@@ -1,4 +1,4 @@
-"""How far the cameras of two files are apart."""
+"""The differences between the cameras of two files."""
 
 from __future__ import annotations
 

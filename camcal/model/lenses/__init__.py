@@ -1,4 +1,4 @@
-"""Lens models by name. Adding one = a file, a line in `LENSES` and one in `SUMMARIES`; the tests follow."""
+"""Lens models by name. To add one, write a file and lines in `LENSES` and `SUMMARIES`; the tests then include it."""
 
 from __future__ import annotations
 

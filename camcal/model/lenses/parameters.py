@@ -33,7 +33,7 @@ CENTRE = (Parameter("xc", "distortion"), Parameter("yc", "distortion"))
 
 
 def each(params: Array) -> list[Any]:
-    """The parameters as numbers, with which numpy is fastest; of (P, V, 1), as arrays (V, 1)."""
+    """The parameters as Python numbers, with which numpy is fastest; for (P, V, 1), as arrays (V, 1)."""
     return params.tolist() if params.ndim == 1 else list(params)
 
 
@@ -87,7 +87,7 @@ class Parameters:
             )
 
     def within_bounds(self, params: Array) -> bool | Array:
-        """Whether every parameter lies within its bounds; of parameters (P, V, 1), by view (V, 1)."""
+        """Whether every parameter lies within its bounds; for parameters (P, V, 1), by view (V, 1)."""
         if params.ndim == 1:
             return all(low <= params[i] <= high for i, low, high in self._bounds)
         inside = np.ones(params.shape[1:], bool)

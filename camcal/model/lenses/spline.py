@@ -146,7 +146,7 @@ class Spline(InverseLens):
         return [dict(zip(self.names, params.tolist(), strict=True))]
 
     def prior(self, params: Array) -> tuple[Array, Array] | None:
-        """Third differences and the turn; see the module's docstring."""
+        """Third differences and the rotation; see the module's docstring."""
         fx, count = float(params[0]), self.columns * self.rows
         gx, gy = (g.ravel() for g in np.meshgrid(np.arange(self.columns), np.arange(self.rows)))
         gx, gy = gx - gx.mean(), gy - gy.mean()

@@ -8,7 +8,7 @@ Array = np.ndarray
 
 
 def tilt_matrix(tau_x: float, tau_y: float) -> Array:
-    """OpenCV's matTilt (3, 3): the image plane turned by tau_x about x, then tau_y about y, rad."""
+    """OpenCV's matTilt (3, 3): the image plane rotated by tau_x about x, then tau_y about y, rad."""
     (x, _), (y, _) = _turn_x(tau_x), _turn_y(tau_y)
     return _onto_plane(y @ x) @ y @ x
 

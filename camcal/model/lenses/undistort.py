@@ -176,7 +176,7 @@ def bisected(holds: Callable[[float], bool], low: float, high: float) -> float:
 
 
 def border_grid(size: tuple[int, int], along: int = SIDE, down: int = SIDE) -> Array:
-    """Pixels (N, 2) along the sides of a picture, so many along and down, and a coarser grid across it."""
+    """Pixels (N, 2) along the sides of a picture, `along` and `down` of them, and a coarser grid inside it."""
     w, h = size[0] - 1.0, size[1] - 1.0
     a, b = np.linspace(0, w, along), np.linspace(0, h, down)
     u, v = np.meshgrid(np.linspace(0, w, INSIDE), np.linspace(0, h, INSIDE))

@@ -1,4 +1,4 @@
-"""Optimisers by name. Adding one = a file, a line in `OPTIMIZERS` and a line in `SUMMARIES`.
+"""Optimisers by name. To add one, write a file, a line in `OPTIMIZERS` and a line in `SUMMARIES`.
 
 Each is a function `minimise(problem, state, options, on_step) -> Result` (camcal.solve.optimizers.base). Its
 module's `VARIANTS` name what may follow a colon (`lbfgs:varpro`), the default first.
