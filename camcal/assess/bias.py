@@ -212,7 +212,7 @@ def _means(
 
 def _correlation(found: Standardised) -> ResidualTest:
     """Neighbouring points: the mean of z_i · z_j / 2, which is 0 for white noise."""
-    question = "Do neighbouring points err in the same direction?"
+    question = "Do neighbouring points have errors in the same direction?"
     pairs = found.neighbours / 2
     if len(pairs) < LEAST_PAIRS:
         return ResidualTest("neighbours", question, float("nan"), 1.0, 0.0, "correlation")

@@ -141,7 +141,7 @@ def _candidates(solution: RigCalibration, seed: int) -> list[tuple[Array, Pose, 
     if not made:
         raise DataError(
             "no pose was found that shows the board to two cameras at once.",
-            "The fields of view hardly overlap: use a larger board, or turn the cameras towards each other.",
+            "The fields of view hardly overlap: use a larger board, or rotate the cameras towards each other.",
         )
     return made
 

@@ -134,7 +134,7 @@ class _Suspect:
 
     def words(self, name: str) -> str:
         return (
-            f"view '{name}' fits better as another board, {self.ratio:.4g} times as long in y against x: "
+            f"view '{name}' fits better as another board, {self.ratio:.4g} times as long in y relative to x: "
             f"{self.other:.3g} px instead of {self.own:.3g} px (sigma of a coordinate)."
         )
 
@@ -202,7 +202,7 @@ def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[
             ratio, angle = found.ratio, found.angle
             if abs(ratio - 1) > SAME_PROPORTION or abs(angle - RIGHT_ANGLE) > SAME_ANGLE:
                 return "other-board", (
-                    f"its points are those of another board, {ratio:.4g} times as long in y against x"
+                    f"its points are those of another board, {ratio:.4g} times as long in y relative to x"
                     + (f", its sides at {angle:.1f} degrees" if abs(angle - RIGHT_ANGLE) > SAME_ANGLE else "")
                 )
     else:

@@ -95,6 +95,7 @@ def _loose(solution: RigCalibration, accuracy: Covariance) -> Iterator[Calibrati
         if not turn <= LOOSE_DEG:
             yield CalibrationWarning(
                 "loose-relative-pose",
-                f"the orientation of camera {name} to {solution.rig.reference} is known only to {turn:.2g} degrees.",
+                f"the orientation of camera {name} relative to {solution.rig.reference} is known only to "
+                f"{turn:.2g} degrees.",
                 "Take pictures of the board close to both cameras, tilted in different directions.",
             )

@@ -123,7 +123,7 @@ def read_jobs(source: str, common: Mapping[str, Any] | None = None) -> list[Job]
     while entries:
         job = _job(entries.pop(), len(jobs) + 1, base, common or {}, source, shared)
         if job.name in jobs:
-            raise UsageError(f"{source}: two jobs are named '{job.name}'.", "Each needs a name of its own.")
+            raise UsageError(f"{source}: two jobs are named '{job.name}'.", "Each job needs a unique name.")
         jobs[job.name] = job
     _check_models(jobs.values())
     return list(jobs.values())

@@ -44,7 +44,7 @@ def _answers(address: str, what: str) -> Iterator[None]:
     except ImportError as error:  # each file system needs a package of its own
         raise DataError(
             f"{shown(address)}: {' '.join(str(error).split()).rstrip('.')}.",
-            "Install that package beside camcal, and on the workers of a cluster.",
+            "Install that package along with camcal, and on the workers of a cluster.",
         ) from None
     except Exception as error:  # noqa: BLE001
         why = " ".join(str(error).split()).rstrip(".") or type(error).__name__

@@ -160,7 +160,9 @@ class Watcher:
             if o.detection is None:
                 skipped.append(SkippedView(name, o.status, o.reason))
             elif o.size != size:
-                skipped.append(SkippedView(name, "rejected", "the picture has another size than most"))
+                skipped.append(
+                    SkippedView(name, "rejected", "the size of the picture differs from most others")
+                )
             else:
                 d = o.detection
                 views.append(View(name, self.target.points[d.point_ids], d.uv, d.sigma, d.point_ids))

@@ -107,7 +107,7 @@ def refusals() -> Iterator[None]:
     try:
         yield
     except cv2.error as error:
-        raise NotComparableError(f"cv2 refuses these data: {_message(error)}") from error
+        raise NotComparableError(f"cv2 rejects these data: {_message(error)}") from error
 
 
 def answer(returned: Sequence[Any]) -> tuple[Array, Array, Array, Array]:

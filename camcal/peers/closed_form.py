@@ -36,7 +36,7 @@ def against_cv2(stage: Stage, solution: Calibration) -> Entry | None:
     except CamcalError as error:
         return entry(stage.name, AGAINST, "not_applicable", f"without distortion there is no camera: {error}")
     made = refinement.compare(
-        pinhole, AGAINST, "pinhole, refined from this stage, against cv2 with all distortion held at 0"
+        pinhole, AGAINST, "pinhole, refined from this stage, compared with cv2 with all distortion held at 0"
     )
     made["stage"] = stage.name
     if made["status"] == "fail" and pinhole.rms_point > OTHER_MINIMA * solution.rms_point:

@@ -34,14 +34,14 @@ def nearest(solution: Calibration, stage: str, full: bool = True) -> Entry:
             stage,
             "cv2.calibrateCamera",
             "not_applicable",
-            f"{why}; --crosscheck full says which comes nearest",
+            f"{why}; --crosscheck full determines which is nearest",
         )
     found: dict[str, Result] = {}
     for models in (MODELS, LAST):
         found = found or {m: made for m in models if (made := _by_cv2(solution, m)) is not None}
     if not found:
         return entry(
-            stage, "cv2.calibrateCamera", "not_applicable", f"{why}, and calibrates none of these data"
+            stage, "cv2.calibrateCamera", "not_applicable", f"{why}, and cannot calibrate these data"
         )
     model = min(found, key=lambda name: ranked(found[name].rms_point))
     result = found[model]

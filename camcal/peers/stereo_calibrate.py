@@ -209,7 +209,7 @@ def _judged(
     off = residuals(rig, poses, fit.observations)
     ours, theirs = fit.rms_point, float(np.sqrt(np.square(off).sum(1).mean()))
     if not np.isfinite(theirs):
-        raise NotComparableError("cv2's cameras project some of the points nowhere")
+        raise NotComparableError("cv2's cameras do not project some of the points")
     sigmas = _in_sigmas(fit, relative)
     status, said = "pass", [remark]
     if not theirs >= ours * (1 - LOWER) - LOWER_PX:

@@ -112,7 +112,7 @@ def _warnings(fit: LineFit, kept: Lines) -> list[dict[str, str]]:
             principal_point_assumed(
                 "the lines leave",
                 fit.assumed,
-                "Give it where it is known (--fix cx=VALUE,cy=VALUE), or add lines in other directions.",
+                "Give it if it is known (--fix cx=VALUE,cy=VALUE), or add lines in other directions.",
             )
         )
     if fit.undetermined:
@@ -120,7 +120,7 @@ def _warnings(fit: LineFit, kept: Lines) -> list[dict[str, str]]:
             warning(
                 "undetermined",
                 f"the lines leave {', '.join(fit.undetermined)} undetermined.",
-                "Straight lines stay straight under such changes; fix the parameters (--fix), or use another model.",
+                "Such changes keep straight lines straight; fix the parameters (--fix), or use another model.",
             )
         )
     if not fit.converged:

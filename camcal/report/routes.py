@@ -76,7 +76,7 @@ def images_do_not_fit(what: str, share: float) -> dict[str, str]:
     """The warning about residuals that are no noise; `share` as `camcal.routes.misfit.misfit`."""
     return warning(
         "images-do-not-fit",
-        f"{what}: the residuals are {share:.0%} of the spread of the image points; noise of their detection explains "
+        f"{what}: the residuals are {share:.0%} of the spread of the image points; detection noise explains "
         f"{LARGE:.0%} at most.",
         "Check that points, images and cameras belong together: the order of points and cameras, the unit of the "
         "images, and whether v is counted from the top.",

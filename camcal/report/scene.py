@@ -62,7 +62,7 @@ def _bent(other: Scene | None) -> list[dict[str, str]]:
     return [
         warning(
             "lines-bent",
-            "the lines are curved as by distortion of the lens. With distortion the focal length is "
+            "the lines are curved as by lens distortion. With distortion the focal length is "
             f"{f:.5g} ± {sigma:.2g} px, "
             "which lies outside the interval without distortion.",
             f"Try: -m {WITH_DISTORTION}",
@@ -127,6 +127,6 @@ def _warnings(found: Scene) -> list[dict[str, str]]:
         principal_point_assumed(
             "the vanishing points leave",
             found.assumed,
-            "Give it where it is known (--fix cx=VALUE,cy=VALUE), or turn the camera so that all three converge.",
+            "Give it if it is known (--fix cx=VALUE,cy=VALUE), or turn the camera so that all three converge.",
         )
     ]

@@ -158,7 +158,7 @@ def _warnings(found: SelfCalibration, views: Sequence[str], twice: int) -> list[
         made.append(
             warning(
                 "points-twice",
-                f"{twice} images are of a point that the view has already.",
+                f"{twice} images are of a point that the view already has.",
                 "The first of them is used.",
                 "note",
             )

@@ -117,8 +117,8 @@ def read_pair(pair: Pair, index: int) -> tuple[Array, Array]:
         if picture.shape[1::-1] != camera.image_size:
             size, own = ("x".join(map(str, s or ())) for s in (picture.shape[1::-1], camera.image_size))
             raise DataError(
-                f"{path}: the picture is {size}, the camera is for {own}.",
-                "Are the names of the cameras exchanged?",
+                f"{path}: the picture is {size}, the camera was calibrated for {own}.",
+                "Were the names of the cameras exchanged?",
             )
         found.append(picture)
     return found[0], found[1]

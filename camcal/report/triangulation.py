@@ -164,7 +164,7 @@ def _warnings(
             warning(
                 "undetermined-points",
                 f"{len(lost)} points are omitted, first '{first['point']}': {first['reason']}.",
-                "A point needs two images whose rays meet at an angle.",
+                "A point needs two images whose rays intersect at an angle.",
                 "note",
             )
         )
@@ -188,7 +188,7 @@ def _warnings(
             warning(
                 "outlier-images",
                 f"{outliers} images disagree with the others of their points.",
-                "Look at them.",
+                "Check these images.",
                 "note",
             )
         )

@@ -40,11 +40,11 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "None is needed; the standard deviations count both.",
     ),
     "mirrored-views": (
-        "A board that is the same seen from behind, a mirror, or corners numbered the other way round.",
+        "A board that looks the same from behind, a mirror, or corners numbered from the other end.",
         "Check those pictures; give points their ids.",
     ),
     "mirrored-picture": (
-        "A picture flipped by the camera's software, or corners numbered the other way round.",
+        "A picture flipped by the camera's software, or corners numbered from the other end.",
         "Turn off the flipping, or remove those pictures.",
     ),
     "rejected-mirror-image": ("As `mirrored-picture`.", "As above; camcal did not use these views."),
@@ -65,7 +65,7 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "Check the pictures that the report names.",
     ),
     "undetermined-parameters": (
-        "More parameters than the data determine: a rich lens model, a principal point from few tilts.",
+        "More parameters than the data determine: a large lens model, a principal point from few tilts.",
         "A smaller model (`-m opencv4`), `--fix NAME`, or pictures where `camcal next` says.",
     ),
     "weak-parameters": (
@@ -91,7 +91,7 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "pictures-flat": ("Little contrast.", "More light, a target in true black and white."),
     "pictures-rough": (
-        "Noise of a high gain, compression, or a structured print.",
+        "Noise from high gain, compression, or a textured print.",
         "More light, no compression.",
     ),
     "pictures-small": ("The board is far away.", "Move closer: the board should fill half of the picture."),
@@ -138,7 +138,7 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "noise-by-radius": (
         "A lens that is less sharp towards its border.",
-        "A column `sigma` with the points; a smaller aperture.",
+        "Give a column `sigma` with the points; use a smaller aperture.",
     ),
     "heavy-tailed-residuals": (
         "Some bad pictures or points among good ones.",
@@ -159,10 +159,10 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "cameras-out-of-step": (
         "A camera started later, or lost a frame.",
-        "Move its pictures by the number of views named; a common trigger.",
+        "Shift its pictures by the reported number of views; use a common trigger.",
     ),
     "few-shared-instants": (
-        "The cameras hardly see the board at the same time.",
+        "The cameras rarely see the board at the same time.",
         "Hold the board where both cameras see it.",
     ),
     "loose-relative-pose": (
@@ -182,12 +182,12 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "Calibrate each separately, or together with `camcal rig`.",
     ),
     "resized-pictures": (
-        "A part of the pictures was exported smaller.",
+        "Some of the pictures were exported at a smaller size.",
         "Use the original pictures of the camera.",
     ),
-    "cropped-pictures": ("A part of the pictures was cropped.", "Use the uncropped pictures."),
+    "cropped-pictures": ("Some of the pictures were cropped.", "Use the uncropped pictures."),
     "turned-pictures": (
-        "A part of the pictures was turned by 180 degrees.",
+        "Some of the pictures were rotated by 180 degrees.",
         "Use them in the orientation of the sensor.",
     ),
     "principal-point-moves": (
@@ -200,17 +200,17 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "Check the size.",
     ),
     "data-exchanged": (
-        "Columns exchanged, rows of another board or view, coordinates in another frame.",
+        "Exchanged columns, rows of another board or view, or coordinates in another frame.",
         "The change that the message names; check how the table was made.",
     ),
     "does-not-fit": (
-        "Another focus or zoom than at the calibration, another camera, resized pictures, a wrong board.",
+        "A focus or zoom different from the calibration, another camera, resized pictures, or a wrong board.",
         "Check which camera took the pictures and how; otherwise calibrate again.",
     ),
-    "not-converged": ("A model that the data hardly determine.", "A smaller model, or another `--start`."),
+    "not-converged": ("A model that the data barely determine.", "A smaller model, or another `--start`."),
     "hand-eye-convention": (
         "Angles in another order or unit than was requested.",
-        "Use the form that the message names.",
+        "Use the convention that the message names.",
     ),
     "hand-eye-outliers": (
         "Poses read while the robot moved, or pictures of another pose.",
@@ -221,14 +221,17 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "Names of pictures and poses do not agree.",
         "Use the report's view names for the poses.",
     ),
-    "hand-eye-weak-direction": ("Turns about nearly one axis.", "The poses that the report's `next` lists."),
+    "hand-eye-weak-direction": (
+        "Rotations about nearly a single axis.",
+        "Add the poses that the report lists under `next`.",
+    ),
     "hand-eye-noise-at-zero": (
-        "A robot whose poses are more exact than those of the pictures, or few poses.",
-        "None is needed; more poses find smaller noise.",
+        "A robot whose poses are more accurate than those from the pictures, or few poses.",
+        "None is needed; with more poses, smaller noise can be detected.",
     ),
     "hand-eye-scale": ("A wrong `--square`, or poses in another unit.", "Check both lengths."),
     "several-poses": (
-        "A flat, small or far target: two poses look alike.",
+        "A flat, small or distant target: two poses look alike.",
         "Points out of the plane, or a nearer picture.",
     ),
     "mirrored-points": (
@@ -257,7 +260,7 @@ REMEDIES: dict[str, tuple[str, str]] = {
     "undetermined": ("Lines do not determine these parameters.", "`--fix` them, or use another model."),
     "principal-point-assumed": ("The data leave it undetermined.", "Give it: `--fix cx=VALUE,cy=VALUE`."),
     "lines-bent": (
-        "A lens with distortion, taken for a pinhole camera.",
+        "A lens with distortion, treated as a pinhole camera.",
         "`-m division:1`, or undistort the picture first.",
     ),
     "views-left-out": ("Views that share too few points.", "More tracks."),
@@ -285,13 +288,13 @@ FOUND = {
     "lines-left-out": "`camcal lines`: lines that are not straight compared with the others",
     "one-direction": "`camcal lines`: all lines have one direction",
     "undetermined": "`camcal lines`: parameters that lines do not determine",
-    "principal-point-assumed": "`camcal lines`, `scene`, `selfcalib`, `wand`: the middle of the picture is assumed",
+    "principal-point-assumed": "`camcal lines`, `scene`, `selfcalib`, `wand`: the image centre is assumed",
     "lines-bent": "`camcal scene`: lines are bent, and with distortion the focal length is outside its interval",
     "views-left-out": "`camcal selfcalib`: views that could not be added",
     "points-twice": "`camcal selfcalib`, `camcal wand`: a point twice in one view",
     "instants-left-out": "`camcal wand`: instants that are not used",
     "few-matches": "`camcal evaluate --natural`: fewer than 50 matches",
-    "vertical-disparity": "`camcal evaluate --natural`: points lie further from their rows than noise explains",
+    "vertical-disparity": "`camcal evaluate --natural`: points lie farther from their rows than noise explains",
 }
 
 HEAD = """\

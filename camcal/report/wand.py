@@ -103,7 +103,7 @@ def _sightings(table: Labelled, bar: Sequence[float]) -> tuple[Sightings, int]:
     if len(markers) != len(places):
         raise DataError(
             f"'{table.path}' holds {len(markers)} markers ({', '.join(markers[:5])}); the bar has {len(places)}.",
-            "Give --bar LENGTH for two markers, or the place of each along the bar: --bar 0,0.2,0.5.",
+            "Give --bar LENGTH for two markers, or the position of each along the bar: --bar 0,0.2,0.5.",
         )
     marker = np.array([markers.index(p) for p in plain])[table.labels["point"]]
     camera, instant = table.labels["camera"], table.labels["view"]
@@ -269,7 +269,7 @@ def _warnings(
         made.append(
             warning(
                 "points-twice",
-                f"{twice} images are of a marker that the camera has already.",
+                f"{twice} images are of a marker that the camera already has.",
                 "The first of them is used.",
                 "note",
             )

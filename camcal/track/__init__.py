@@ -16,7 +16,7 @@ ESTIMATORS = {
 }
 
 SUMMARIES = {
-    "batch": "each frame alone: the theorem of Barranco & Medel on Central and Column",
+    "batch": "each frame separately: the theorem of Barranco & Medel on Central and Column",
     "rls": "recursive least squares with forgetting on Central and Column, in QR form",
     "kalman": "Kalman filter on the 11 numbers of M, random walk or constant velocity",
     "iekf": "iterated extended Kalman filter on K, R, t and distortion, noise per group",
@@ -33,9 +33,9 @@ GAINS = {
 }
 
 GAIN_SUMMARIES = {
-    "kalman": "the gain of least variance under the stated motion",
+    "kalman": "the gain of minimum variance for the specified motion",
     "forgetting": "least squares in which a frame's weight falls by a factor with each later frame",
-    "fixed": "a constant fraction of what each frame alone would correct",
+    "fixed": "a constant fraction of each frame's own correction",
     "mean": "the mean over all points so far, the expectation of Barranco & Medel's theorem",
     "adaptive": "the Kalman gain with a memory that shortens when the innovations are too large",
 }
@@ -43,9 +43,9 @@ GAIN_SUMMARIES = {
 MOTION_SUMMARIES = {
     "fixed": "nothing moves",
     "thermal": "a fixed camera that warms up: focal length, principal point, a little rotation",
-    "zoom": "the focal length moves freely, the principal point with it",
-    "pan": "the camera turns on its mount",
-    "free": "the camera turns and travels",
+    "zoom": "the focal length changes freely, and the principal point with it",
+    "pan": "the camera rotates on its mount",
+    "free": "the camera rotates and translates",
 }
 
 #: kind of simulated sequence -> the motion that its camera walks by

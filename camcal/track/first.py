@@ -80,7 +80,7 @@ def _refuse_disorder(scatter: float, uv: Array) -> None:
     """Reject points whose nearest camera leaves as much of their images (N, 2) as points matched at random do, px."""
     if scatter > BLIND * float(np.sqrt(uv.var(0).sum())):
         raise EstimationError(
-            f"the points of the first frames fit no camera: the nearest leaves {scatter:.3g} px.",
+            f"the points of the first frames fit no camera: the residuals of the nearest are {scatter:.3g} px.",
             "Check the assignment of image points to world points.",
         )
 

@@ -148,7 +148,7 @@ def parameters(columns: dict[str, Array]) -> Any:
         axis.legend(loc="upper left", fontsize=7, ncols=3)
         _limit(axis, columns, names)
         _mark(axis, columns)
-    figure.suptitle("Parameters less their medians, with bands of two sigmas; alarms dashed", fontsize=9)
+    figure.suptitle("Parameters minus their medians, with bands of two sigmas; alarms dashed", fontsize=9)
     return figure
 
 

@@ -235,7 +235,7 @@ class RigFollower:
         who = (
             f"camera {self.names[camera]} moved"
             if others
-            else f"{' and '.join(self.names[k] for k in seen)} moved against each other"
+            else f"{' and '.join(self.names[k] for k in seen)} moved relative to each other"
         )
         where = (
             window[-1].name

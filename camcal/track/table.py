@@ -27,22 +27,22 @@ MORE = ("nis_dof", "score", "cusum", "effective", "noise", "points", "used", "st
 
 COLUMNS = {
     "frame": "number of the frame",
-    "m11 ... m34": "projection matrix, with m34 = 1 (of unit norm where the world's origin has no depth)",
+    "m11 ... m34": "projection matrix, with m34 = 1 (of unit norm if the depth of the world origin is 0)",
     "fx, fy, skew, cx, cy": "intrinsics, px",
     "rx, ry, rz": "rotation vector of cam_from_world, rad",
     "tx, ty, tz": "translation of cam_from_world, in the unit of the points",
-    "innovation": "root mean square distance between the points and where they were predicted, px",
+    "innovation": "root mean square distance between the points and their predictions, px",
     "nis": "normalised innovation squared, of the part that a change of the camera can explain",
     "gain": "fraction of the frame's own correction that was applied",
-    "changed": "1 where the change test gave the alarm, else 0",
+    "changed": "1 if the change test raised an alarm, else 0",
     "nis_dof": "degrees of freedom of nis",
     "score": "nis as a standard normal deviate: 0 on average while nothing changes",
     "cusum": "cumulative sum of the scores beyond 1/2",
-    "effective": "how many frames like this one the estimate is worth",
-    "noise": "standard deviation of the image points, px (a factor where they bring their own)",
+    "effective": "the number of frames like this one to which the estimate is equivalent",
+    "noise": "standard deviation of the image points, px (a factor if they have sigmas)",
     "points, used": "points in the frame, and those that passed the gate",
     "status": "waiting, started, updated, predicted (too few points), rejected (no camera fits), restarted",
-    "k1 ...": "distortion of the lens, where it has one",
+    "k1 ...": "distortion of the lens, if it has any",
     "sigma_...": "standard deviation of each of m11 ... m34, fx ... tz, k1 ...",
 }
 

@@ -53,7 +53,9 @@ class Window(IteratedKalman):
 
     def __init__(self, options: TrackOptions):
         if options.velocity:
-            raise UsageError("the window does not track a velocity.", "Use --method iekf or smoother.")
+            raise UsageError(
+                "the method 'window' does not track a velocity.", "Use --method iekf or smoother."
+            )
         super().__init__(options)
         self.entries: list[WindowFrame] = []
         self.anchor: Any = None

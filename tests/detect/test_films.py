@@ -145,7 +145,7 @@ def test_a_film_without_a_board_and_a_broken_one(tmp_path):
             detect_images([tmp_path / "a.avi"], cache=False, **limits)
     with pytest.raises(DataError, match="no target was found in 1 picture") as error:
         detect_images([tmp_path / "b.mp4"], cache=False)
-    assert "no decoder opens this film" in error.value.hint
+    assert "no decoder can open this film" in error.value.hint
     write_film(tmp_path / "c.avi", [board(0.1, 0.4, i) for i in range(3)])
     found = detect_images([tmp_path], cache=False, jobs=1)  # a folder of films
     assert {s.id: s.status for s in found.skipped}["b.mp4"] == "unreadable" and len(found.views) == 3

@@ -132,7 +132,7 @@ def test_folders_that_an_error_names(tmp_path):
         for i in range(count):
             (root / f"cam{i}").mkdir(parents=True)
             (root / f"cam{i}" / "a.png").write_bytes(b"")
-        with pytest.raises(DataError, match="folders inside it do") as raised:
+        with pytest.raises(DataError, match="subfolders do") as raised:
             listing.list_pictures([root])
         assert raised.value.hint.count("=") == listing.MOST_NAMED
 
@@ -146,7 +146,7 @@ def test_cameras_with_the_same_pictures(same, copies):
         names = [f"both{i}" if i < shared else f"{name}{i}" for i in range(count)]
         parts[name] = Observations.from_views([], files=tuple({"sha256": n} for n in names))
     if copies:
-        with pytest.raises(DataError, match=f"have the same pictures: {shared} of 20 and 30"):
+        with pytest.raises(DataError, match=f"were given the same pictures: {shared} of 20 and 30"):
             rig_images._check_own_pictures(parts)
     else:
         rig_images._check_own_pictures(parts)

@@ -228,7 +228,7 @@ def test_command(ending, tmp_path, monkeypatch):
 
 
 def test_a_negative_is_not_printed():
-    with pytest.raises(UsageError, match="exchanged is not printed"):
+    with pytest.raises(UsageError, match="exchanged cannot be printed"):
         sheet_of("circles:9x7:20mm:negative")
 
 

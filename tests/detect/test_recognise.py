@@ -404,7 +404,9 @@ def test_grids_that_leave_the_picture(shown, tmp_path):
     (part,) = answers(sights[1:])
     assert part.target.columns == target.columns - 1 and not part.whole
     missed = target.find(cut)
-    assert missed.reason == "cut-off" and f"leaves the picture: {target.columns - 1}x" in missed.message
+    assert (
+        missed.reason == "cut-off" and f"extends beyond the picture: {target.columns - 1}x" in missed.message
+    )
     for i in range(3):
         cv2.imwrite(str(tmp_path / f"v{i}.png"), cut)
     events = {}

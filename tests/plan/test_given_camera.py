@@ -47,7 +47,7 @@ def test_a_camera_of_another_model(data, plain):
 @pytest.mark.parametrize(
     "more, words",
     [
-        ({"start": "zhang"}, "both a closed form"),
+        ({"start": "zhang"}, "a closed form"),
         ({"start_camera": replace(camera_of(), image_size=(320, 240))}, "320x240"),
     ],
 )

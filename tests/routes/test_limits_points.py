@@ -73,7 +73,7 @@ def test_a_map_at_another_focal_length(monkeypatch):
         if kept:
             assert distortion_first.at_focal_length(PINHOLE, 500.0).params is PINHOLE.params
         else:
-            with pytest.raises(EstimationError, match="cannot hold this distortion"):
+            with pytest.raises(EstimationError, match="cannot represent this distortion"):
                 distortion_first.at_focal_length(PINHOLE, 500.0)
 
 

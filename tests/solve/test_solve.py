@@ -165,7 +165,7 @@ def test_too_few_observations():
 def test_a_view_without_points():
     camera = solved.camera_of()
     data, poses = data_of(camera)
-    with pytest.raises(DataError, match="no point left"):
+    with pytest.raises(DataError, match="no points left"):
         refine(start_of(camera), poses, data.with_used(data.view > 0))
 
 

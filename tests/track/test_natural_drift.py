@@ -160,7 +160,7 @@ def test_a_knock_is_found_named_and_measured(track, names):
     assert code == 1 and report["verdict"] == "fail"
     (change,) = report["track"]["changes"]
     assert change["since"] in ("7", "8", "9") and 8 < int(change["frame"]) < 12
-    named = "camera b moved at" if names == "abc" else "a and b moved against each other"
+    named = "camera b moved at" if names == "abc" else "a and b moved relative to each other"
     assert named in err, err
     sigma = 4 * max(change["sigma_rotation_deg"])
     assert np.linalg.norm(change["rotation_deg"]) == pytest.approx(0.2, abs=sigma)

@@ -112,7 +112,7 @@ def test_a_knock_is_found_named_and_measured(track, names, moved):
         sigma = np.r_[np.radians(change["sigma_rotation_deg"]), change["sigma_translation"]]
         assert (np.abs(off) < 4 * sigma).all()
     else:
-        assert change["camera"] is None and "a and b moved against each other" in err
+        assert change["camera"] is None and "a and b moved relative to each other" in err
     assert [r["status"] for r in table if r["camera"] == "b"].count("settling") == 8
     assert [r["view"] for r in table if r["changed"] == "1"] == [change["frame"]] * len(names)
     # the rig goes on from the new place
@@ -128,7 +128,7 @@ def test_a_knock_is_found_named_and_measured(track, names, moved):
 def test_two_cameras_of_three_do_not_tell_which_of_them_moved(track):
     knock = np.array([0, np.radians(0.3), 0, 2.0, 0, 0])
     _, err, _, report = track("abc", seen(np.random.default_rng(3), "ab", 16, knock=knock, at=8))
-    assert "a and b moved against each other" in err, err
+    assert "a and b moved relative to each other" in err, err
     assert report["track"]["changes"][0]["camera"] is None
 
 

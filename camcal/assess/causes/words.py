@@ -42,7 +42,7 @@ def warning_of(found: Found) -> CalibrationWarning | None:
     if trial is None:
         return None
     code, what, hint = _WORDS[trial.how](found, trial)
-    off = f" A single camera for all views is off by {found.effect:.2g} px (rms over the picture)"
+    off = f" A single camera for all views has an error of {found.effect:.2g} px (rms over the picture)"
     if not found.effect > 0:
         off = " These views do not determine the effect on the camera"
     if found.scatter > found.effect > 0:
@@ -106,7 +106,8 @@ def _parts(found: Found, trial: Trial) -> tuple[str, str, str]:
         of = f", as of {round(size[0] * scale)}x{round(size[1] * scale)} pictures" if size else ""
         return (
             "resized-pictures",
-            f"{where} the pictures are resized by a factor of {scale:.4g} (1 : {1 / scale:.4g}){of}: sizes are mixed.",
+            f"{where} the pictures are resized by a factor of {scale:.4g} (1 : {1 / scale:.4g}){of}: the "
+            f"pictures have mixed sizes.",
             "Use unmodified pictures from the camera, all at one resolution.",
         )
     if trial.kind == "cropped":
@@ -149,9 +150,9 @@ def _moved(found: Found, trial: Trial, where: str, shift: Array) -> tuple[str, s
         if np.linalg.norm(shift - opposite) < ALIKE * float(np.linalg.norm(shift)):
             return (
                 "turned-pictures",
-                f"{where} the principal point is on the opposite side, ({shift[0]:.1f}, {shift[1]:.1f}) px away: these "
-                "pictures were turned by 180 degrees.",
-                "Turn them back (check how the orientation of the pictures was stored and applied).",
+                f"{where} the principal point is on the opposite side, ({shift[0]:.1f}, {shift[1]:.1f}) "
+                f"px away: these pictures were rotated by 180 degrees.",
+                "Rotate them back (check how the orientation of the pictures was stored and applied).",
             )
     return (
         "cropped-pictures",

@@ -48,8 +48,9 @@ def noise_by_radius(facts: Facts) -> Iterator[CalibrationWarning]:
     trend = "grows" if noise[-1] > noise[0] else "shrinks"
     yield CalibrationWarning(
         "noise-by-radius",
-        f"the noise {trend} towards the border, from {noise[0]:.2g} to {noise[-1]:.2g} px in a coordinate, and the fit "
-        f"takes it for one: sigmas are up to {ratios[worst]:.1f} times too small ({_named(facts, worst)}).",
+        f"the noise {trend} towards the border, from {noise[0]:.2g} to {noise[-1]:.2g} px in a "
+        f"coordinate, but the fit assumes uniform noise: sigmas are up to {ratios[worst]:.1f} times too "
+        f"small ({_named(facts, worst)}).",
         "Give sigmas with the points (a column sigma), or use a smaller aperture or a better lens.",
         "doubtful" if ratios[worst] > FAR_TOO_SMALL else "note",
     )

@@ -12,7 +12,8 @@ from camcal.assess.rolling import Readout, effect_px, sure
 from camcal.assess.warning import CalibrationWarning
 
 STILL = (
-    "Hold the target still for a moment in each place (frames without motion are preferred), put camera and target on "
+    "Hold the target still for a moment in each position (frames without motion are preferred), put "
+    "camera and target on "
     "stands, or use a global shutter."
 )
 
@@ -38,8 +39,8 @@ def corrected_for(found: Readout, effect: float) -> CalibrationWarning:
     """The warning that points were corrected for a readout time; `effect`, px, is the camera's error without it."""
     return CalibrationWarning(
         "rolling-shutter",
-        f"{_words(found)} Without a correction the camera would be off by {effect:.2g} px (rms over the picture): the "
-        "points were moved to where they were when the first row was read.",
+        f"{_words(found)} Without a correction the camera would be off by {effect:.2g} px (rms over the "
+        f"picture): the points were moved to their positions at the time when the first row was read.",
         f"The motion between frames is known only approximately. {STILL}",
         "doubtful" if severity(effect, 0.0, False, 1.0) != "note" else "note",
     )

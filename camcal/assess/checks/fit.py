@@ -69,7 +69,7 @@ def little_redundancy(facts: Facts) -> Iterator[CalibrationWarning]:
     if observed < REDUNDANT * unknown:
         yield CalibrationWarning(
             "few-points",
-            f"{observed} coordinates for {unknown} unknowns: the rms says little about the error.",
+            f"{observed} coordinates for {unknown} unknowns: the rms is hardly related to the error.",
             "Use more points or views.",
             "doubtful" if observed < BARELY * unknown else "note",
         )

@@ -43,7 +43,7 @@ def tails(facts: Facts) -> Iterator[CalibrationWarning]:
             "light-tailed-residuals",
             f"the residuals are distributed uniformly (fourth moment {moment:.2f}; Gaussian noise has 2, "
             "uniform noise 1.4), as those of rounded coordinates are.",
-            "Give the points with all digits of the detector.",
+            "Give the points with all digits that the detector provides.",
             "note",
         )
     if deviations > SIGNIFICANT and moment > HEAVY:

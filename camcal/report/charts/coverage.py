@@ -39,8 +39,8 @@ def image(solution: Solution) -> Chart | None:
         layers.insert(0, Line(hull, tone="faint", closed=True, filled=True))
     return Chart(
         "Coverage of the picture",
-        f"The points of all views; the hull around them covers {100 * share:.0f} % of the picture. What the "
-        "lens does outside of it is extrapolated.",
+        f"The points of all views; the hull around them covers {100 * share:.0f} % of the picture. "
+        f"Outside it, the lens model is extrapolated.",
         "u, px",
         "v, px",
         x,

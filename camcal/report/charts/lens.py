@@ -47,7 +47,7 @@ def curve(solution: Solution) -> Chart | None:
     seen = float(np.linalg.norm(facts.image_points - centre, axis=1).max())
     return Chart(
         "Distortion curve",
-        "The angle from the optical axis at which a pixel looks, mean to the four corners: "
+        "The angle of a pixel's ray from the optical axis, mean over the directions to the four corners: "
         f"{top_angle:.1f} degrees in the farthest corner, {pinhole[-1]:.1f} without distortion. "
         f"Data reach {seen:.0f} px.",
         "distance from the principal point, px",
@@ -131,7 +131,7 @@ def _uncertainty(solution: Solution, distance: float, where: str) -> Chart | Non
     )
     return Chart(
         f"Projection uncertainty {where}",
-        "Standard deviation, in the worst direction, of where a point is seen that is fixed to the boards: "
+        "Standard deviation, in the worst direction, of the projection of a point that is fixed to the boards: "
         f"{said}.",
         "u, px",
         "v, px",
@@ -158,8 +158,9 @@ def holdout_map(solution: Solution) -> Chart | None:
     hull = hull_of(facts.image_points)
     return Chart(
         "Cameras from different views",
-        "How far cameras estimated without a part of the views project from that of all views, at infinity (rms "
-        f"over the folds): {found['median_px']:.3g} px in the median, {found['max_px']:.3g} at most; noise alone "
+        "Difference in projection at infinity between cameras estimated without a part of the views and "
+        f"the camera of all views (rms over the folds): {found['median_px']:.3g} px in the median, "
+        f"{found['max_px']:.3g} at most; noise alone "
         f"explains {found['predicted_px']:.3g}.",
         "u, px",
         "v, px",

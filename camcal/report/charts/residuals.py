@@ -53,7 +53,7 @@ def quiver(solution: Solution) -> Chart | None:
     places, means = cell_means(uv, r, x, y)
     return Chart(
         "Residuals over the picture",
-        f"Predicted less observed points, {scale:g} times enlarged. Noise has all directions, so that its "
+        f"Predicted minus observed points, {scale:g} times enlarged. Noise has all directions, so that its "
         "mean over a cell is short; arrows that agree with their neighbours show that the lens model or the shape of "
         "the board is wrong.",
         "u, px",
@@ -96,7 +96,7 @@ def histogram(solution: Solution) -> Chart | None:
     bell = np.exp(-0.5 * (at / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
     return Chart(
         "Histogram of the residuals",
-        f"Both coordinates together, beside the Gaussian of their estimated sigma, {sigma:.3g} {unit}. Bars far "
+        f"Both coordinates together, with the Gaussian of their estimated sigma, {sigma:.3g} {unit}. Bars far "
         "out or much higher in the middle than the curve indicate points that do not fit.",
         "residual, px" if unit == "px" else "residual, in sigmas of its point",
         "density",

@@ -103,7 +103,11 @@ def _agreement(report: Document) -> Gain | None:
     if not difference:
         return None
     return Gain(
-        "differences relative to noise", difference["ratio"], 1.0, "if it were removed completely", True
+        "differences relative to noise",
+        difference["ratio"],
+        1.0,
+        "if the cause were removed completely",
+        True,
     )
 
 

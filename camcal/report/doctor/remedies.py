@@ -74,7 +74,8 @@ def next_views(solution: Solution, source: str) -> Finding | None:
     return Finding(
         "next-pictures",
         "better",
-        "some parts of the picture are known far less well than others; more pictures would improve them."
+        "the projection is much less certain in some parts of the picture than in others; more pictures "
+        "would improve them."
         if now > 2 * answer["now"]["median_px"]
         else "more pictures would improve the camera.",
         f"Take {MORE} more pictures. The first: the target at the {answer['suggestions'][0]['words']}. "
@@ -123,7 +124,7 @@ def lens_model(solution: Solution, report: Document, board: Finding | None) -> F
         "better",
         f"{report['camera']['model']} does not fit this lens; {found['chosen']} has a lower hold-out error.",
         f"Calibrate with --model {found['chosen']}.",
-        Gain("rms on views held out, px", now, best, "tried out"),
+        Gain("rms on held-out views, px", now, best, "tried out"),
     )
 
 
@@ -154,7 +155,7 @@ def bias(report: Document) -> Finding | None:
         return None
     share, sigma = ratio["ratio"], report["fit"]["sigma_hat"]
     large = large_effects(report)
-    names = f" It shows by: {', '.join(t['name'] for t in large)}." if large else ""
+    names = f" Tests with a relevant effect: {', '.join(t['name'] for t in large)}." if large else ""
     return Finding(
         "not-only-noise",
         "better",
@@ -221,6 +222,6 @@ def lost_pictures(used: int, lost: Sequence[Document]) -> Iterator[Finding]:
         f"{len(lost)} of {every} pictures were unusable: "
         + listed([f"{v['id']} ({v['reason'] or v['status'].replace('_', ' ')})" for v in lost])
         + ".",
-        "Retake them: the whole target in the picture, still, sharp, evenly lit, all of one size.",
+        "Retake them: the whole target in the picture, still, sharp, evenly lit, all of the same size.",
         gain if enough else None,
     )
