@@ -93,7 +93,7 @@ def look_up(table: Mapping[str, str], name: str, kind: str) -> Any:
     Raises
     ------
     UsageError
-        Where the table has no such name; the hint names the closest one, or all of them.
+        If the table has no such name; the hint names the closest one, or all of them.
     """
     if name not in table:
         hint = suggestion(name, table) or "Known: " + ", ".join(sorted(table)) + "."

@@ -124,7 +124,7 @@ def difference(
     Raises
     ------
     ValueError
-        Where no pixels are given and neither camera knows its image size.
+        If no pixels are given and neither camera knows its image size.
     """
     if pixels is None:
         size = a.image_size or b.image_size

@@ -57,7 +57,7 @@ def difference_of_folds(solution: Calibration, held: HoldOut) -> Mapping[str, An
         jacobians = uncertainty.jacobians(rays, at_infinity=True) if jacobians is None else jacobians
         whole = uncertainty.of_points(rays, at_infinity=True, jacobians=jacobians)
         own = covariance(fit)
-        # with the derivatives of the full camera: those of the fold differ by a fraction of the wanted difference
+        # with the derivatives of the full camera: those of the fold differ by a fraction of the difference to be found
         part = projection_uncertainty(fit, own).of_points(rays, at_infinity=True, jacobians=jacobians)
         # a common noise estimate: a fold with little noise would otherwise yield a negative difference
         with np.errstate(invalid="ignore"):  # infinite minus infinite is NaN and is omitted

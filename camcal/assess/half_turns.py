@@ -85,7 +85,7 @@ def decided(flat: Estimate, how: How) -> Turned | None:
     Raises
     ------
     CamcalError
-        Where a free board cannot be fitted.
+        If a free board cannot be fitted.
     """
     turn = half_turn(flat.observations)
     if turn is None or len(flat.poses) < LEAST_VIEWS:

@@ -213,7 +213,7 @@ def folds_wanted(calibration: Estimate, folds: int | None) -> int:
     Raises
     ------
     UsageError
-        Where more folds are asked for than there are views.
+        If more folds are requested than there are views.
     """
     views = len(calibration.poses)
     if folds is not None and folds > 0 and (views < LEAST_VIEWS or folds > views or folds < 2):

@@ -74,9 +74,9 @@ def suggest(solution: RigCalibration, count: int = 1, seed: int = 0) -> tuple[Re
     Raises
     ------
     DataError
-        Where nothing of the rig was estimated, or no pose shows the board to two cameras.
+        If nothing of the rig was estimated, or no pose shows the board to two cameras.
     EstimationError
-        Where the data do not determine the rig, so that nothing can be added up.
+        If the data do not determine the rig, so that nothing can be added up.
     """
     if not solution.extrinsics:
         raise DataError(

@@ -10,7 +10,7 @@ spread over the picture, distances and tilts, the best of them are moved about a
 which the worst uncertainty over the picture is smallest (Rojtberg & Kuijper, Efficient Pose Selection for
 Interactive Camera Calibration, ISMAR 2018, and Peng & Sturm, Calibration Wizard, ICCV 2019, choose poses in the
 same spirit; the measure here is that of the report). Taking the best again and again tells how many pictures more
-a wanted uncertainty needs. Where the board's shape was estimated, it counts as known.
+a requested uncertainty needs. Where the board's shape was estimated, it counts as known.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class NextView:
     Raises
     ------
     DataError
-        Where no pose shows the whole target.
+        If no pose shows the whole target.
     """
 
     def __init__(

@@ -34,7 +34,7 @@ def common_cameras(a: RigSide, b: RigSide) -> list[str]:
     Raises
     ------
     DataError
-        Where they share fewer than two.
+        If they share fewer than two.
     """
     shared = [n for n in a.rig.cameras if n in b.rig.cameras]
     if len(shared) < 2:

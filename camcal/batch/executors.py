@@ -100,7 +100,7 @@ class Cluster:
     Raises
     ------
     UsageError
-        Where dask.distributed is not installed or no scheduler answers at the address.
+        If dask.distributed is not installed or no scheduler answers at the address.
     """
 
     def __init__(self, address: str):

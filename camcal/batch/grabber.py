@@ -67,7 +67,7 @@ class Grabber(threading.Thread):
     Raises
     ------
     DataError
-        Where the film or device cannot be opened.
+        If the film or device cannot be opened.
     """
 
     def __init__(self, source: Path, folder: Path):

@@ -107,7 +107,7 @@ def read_jobs(source: str, common: Mapping[str, Any] | None = None) -> list[Job]
     Raises
     ------
     UsageError, DataError
-        Where anything is wrong with any job: nothing is done then.
+        If anything is wrong with any job: nothing is done then.
     """
     path = Path(source)
     if path.is_dir():

@@ -32,7 +32,7 @@ class LivePage:
     Raises
     ------
     UsageError
-        Where the port is taken.
+        If the port is taken.
     """
 
     def __init__(self, port: int):

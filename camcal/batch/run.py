@@ -129,7 +129,7 @@ def run(
     Raises
     ------
     UsageError
-        Where there are reports of these jobs and neither `resume` nor `force`; where `out` cannot be written;
+        If there are reports of these jobs and neither `resume` nor `force`; where `out` cannot be written;
         where there is no cluster.
     """
     storage = Storage(out)

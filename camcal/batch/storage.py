@@ -65,7 +65,7 @@ class Storage:
     Raises
     ------
     UsageError
-        Where fsspec, or what it needs for this address, is not installed; for `-`.
+        If fsspec, or what it needs for this address, is not installed; for `-`.
     """
 
     def __init__(self, root: str):
@@ -158,7 +158,7 @@ def local_copies(sources: Sequence[str]) -> Iterator[list[str]]:
     Raises
     ------
     DataError
-        Where a remote input cannot be read.
+        If a remote input cannot be read.
     """
     if not any(map(is_remote, sources)):
         yield list(sources)

@@ -57,7 +57,7 @@ def save(camera: Camera | Rig, options: Mapping[str, Any], command: list[str]) -
     Raises
     ------
     UsageError
-        Where a format has no room for a term of the camera, which it names.
+        If a format has no room for a term of the camera, which it names.
     """
     for format, path in targets(options):
         from camcal.report.opening import save_camera

@@ -17,7 +17,7 @@ def held_options(
     """The options of a calibration with held distortion, and the report's `distortion_first`.
 
     A pinhole camera is calibrated on undistorted points; at its focal length the known lens has other
-    coefficients, and these are held. The joint solution of the same model and points stands beside it.
+    coefficients, and these are held. The joint solution of the same model and points is reported for comparison.
     """
     from camcal.errors import UsageError
     from camcal.plan.calibrate import calibrate

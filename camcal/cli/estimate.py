@@ -25,7 +25,7 @@ def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> int
     and id), .npz files, or files of other programs: corners of mrcal (.vnl), OpenCV's image_points,
     PhotonVision's observations, OpenDroneMap's gcp_list.txt. Several files are several views, unless they
     have a view column. With --distortion the lens that `camcal lines` found is held, and the joint solution is
-    reported beside.
+    reported for comparison.
     """
     from camcal.cli.inputs import refuse_pictures
     from camcal.cli.job import calibrate_and_report, in_order, output_is_free

@@ -26,7 +26,7 @@ ORIGIN = {
     ParameterSource.DEFAULT: "default",
     ParameterSource.PROMPT: "flag",
 }
-#: options that say nothing about the result: they do not stand in a report
+#: options that do not affect the result: they are not part of a report
 NOT_IN_REPORTS = ("config", "help", "verbose", "quiet", "version")
 CONFIG = "camcal.config"  #: the key of the path that was read, in `ctx.meta`
 

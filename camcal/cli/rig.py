@@ -54,7 +54,7 @@ def read_views(inputs: tuple[str, ...], options: dict[str, Any], least: int = 2)
     Raises
     ------
     UsageError
-        Where the words are neither one table nor cameras with their pictures.
+        If the words are neither one table nor cameras with their pictures.
     """
     from camcal.data.rig_table import RigViews, read_rig
 
@@ -70,7 +70,7 @@ def cameras_with_pictures(inputs: tuple[str, ...], least: int = 2) -> dict[str, 
     Raises
     ------
     UsageError
-        Where the words are neither.
+        If the words are neither.
     """
     from camcal.errors import UsageError
     from camcal.settings.rig import split_camera

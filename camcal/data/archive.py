@@ -47,7 +47,7 @@ def read_archive(path: str) -> tuple[Table, tuple[int, int] | None]:
     Raises
     ------
     DataError
-        Where the archive is broken, lacks an array, or an array has the wrong shape, type or values.
+        If the archive is broken, lacks an array, or an array has the wrong shape, type or values.
     """
     data = read_file(path, LARGEST, "an .npz archive of points", "Check the name and the folder.")
     if not data:

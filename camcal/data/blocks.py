@@ -34,7 +34,7 @@ class Block:
     numbers : range or (n,) int array
         The line number of each.
     quoted : bool
-        Whether a double quote may stand in them.
+        Whether they may contain a double quote.
     comments : tuple of str
         Of a file's first block, those before its first line: a header may stand there.
     """
@@ -62,7 +62,7 @@ class TextFile:
         Raises
         ------
         DataError
-            Where the file is missing, unreadable, empty, binary, or not UTF-8.
+            If the file is missing, unreadable, empty, binary, or not UTF-8.
         """
         digest = hashlib.sha256()
         first = 1

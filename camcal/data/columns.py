@@ -96,7 +96,7 @@ def from_header(names: list[str], form: Form, where: str) -> tuple[str, ...]:
     Raises
     ------
     DataError
-        Where a name is unknown or occurs twice, or a needed column is missing.
+        If a name is unknown or occurs twice, or a needed column is missing.
     """
     roles: list[str] = []
     stripped = [name.strip() for name in names]
@@ -130,7 +130,7 @@ def without_header(row: list[str], numeric: list[bool], form: Form, where: str) 
     Raises
     ------
     DataError
-        Where no form has that many columns.
+        If no form has that many columns.
     """
     count = len(row)
     if form is POINTS and count == 5 and not numeric[0]:  # text in the first of five can only be a name

@@ -43,7 +43,7 @@ def read_dlt(path: str | os.PathLike) -> Array:
     Raises
     ------
     DataError
-        Where the file is missing or holds anything but eleven rows of numbers.
+        If the file is missing or holds anything but eleven rows of numbers.
     """
     source = Path(path)
     return matrices(read_text(source, LARGEST, "a table of DLT coefficients"), source)
@@ -103,7 +103,7 @@ def dlt_text(matrices: Sequence[Array]) -> str:
     Raises
     ------
     DataError
-        Where m34 is 0 beside the other entries: the world's origin lies in the plane of that camera's centre.
+        If m34 is 0 beside the other entries: the world's origin lies in the plane of that camera's centre.
     """
     columns = []
     for index, m in enumerate(matrices):

@@ -83,7 +83,7 @@ def read_labelled(
     Raises
     ------
     DataError
-        Where the file is missing or no text, a column is missing or there twice, or a field is no number.
+        If the file is missing or no text, a column is missing or there twice, or a field is no number.
     """
     source = Path(path)
     lines = _lines(source)

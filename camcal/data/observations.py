@@ -112,7 +112,7 @@ class Observations:
         Raises
         ------
         DataError
-            Where shapes do not match or a value is not finite.
+            If shapes do not match or a value is not finite.
         """
         made = [v if isinstance(v, View) else named_view(f"view{i + 1}", v) for i, v in enumerate(views)]
         check_views(made)

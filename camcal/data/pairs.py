@@ -27,7 +27,7 @@ def read_pair(points3d: str, points2d: str) -> tuple[Table, list[Table]]:
     Raises
     ------
     DataError
-        Where a table is bad, their numbers of rows differ, or their views or ids do.
+        If a table is bad, their numbers of rows differ, or their views or ids do.
     """
     world, image = read_table(points3d, POINTS_3D), read_table(points2d, POINTS_2D)
     if len(world.values) != len(image.values):

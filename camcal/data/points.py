@@ -68,7 +68,7 @@ def read_points(
     DataError
         With file and line: what was found and what is needed.
     UsageError
-        Where no file is given, only one of a pair, or both kinds.
+        If no file is given, only one of a pair, or both kinds.
     """
     if points3d is not None or points2d is not None:
         if paths or points3d is None or points2d is None:

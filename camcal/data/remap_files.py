@@ -96,7 +96,7 @@ def gstreamer(camera: Camera) -> bytes:
     Raises
     ------
     UsageError
-        Where OpenCV's model has no room for a term of the camera, which it names.
+        If OpenCV's model has no room for a term of the camera, which it names.
     """
     spec, terms = choose(camera, GSTREAMER_MODELS, "GStreamer's cameraundistort")
     entries = {"cameraMatrix": terms.matrix, "distCoeffs": np.array([coefficients(spec, terms)])}

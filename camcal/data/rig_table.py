@@ -46,7 +46,7 @@ class RigViews:
         Raises
         ------
         DataError
-            Where there are fewer than `least` cameras.
+            If there are fewer than `least` cameras.
         """
         if isinstance(data, RigViews):
             return data
@@ -142,7 +142,7 @@ def read_rig(
     Raises
     ------
     DataError
-        Where the file cannot be read, a camera has a point of a view twice, or there is one camera only.
+        If the file cannot be read, a camera has a point of a view twice, or there is one camera only.
     """
     found = read_labelled(path, ("camera", "view"), (*"XYZ", "u", "v"), ("sigma", "point", "board"))
     names = found.names["camera"]

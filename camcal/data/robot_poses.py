@@ -103,9 +103,9 @@ def read_robot_poses(path: str | os.PathLike, form: str | None = None) -> RobotP
     Raises
     ------
     DataError
-        Where a column is missing, a view occurs twice, a quaternion has not the length 1, or times do not increase.
+        If a column is missing, a view occurs twice, a quaternion has not the length 1, or times do not increase.
     UsageError
-        Where the form asked for takes another count of numbers.
+        If the requested form takes another number of values.
     """
     columns = {plain(name): name for name in header(path)}
     places, rotation = _find(columns, PLACES, path, "x,y,z"), _find(columns, tuple(COLUMNS), path, "rx,ry,rz")

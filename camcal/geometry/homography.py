@@ -18,7 +18,7 @@ from camcal.records import dataclass
 
 Array = np.ndarray
 
-#: Where x_i x_j stands in the list of the six different products of (x, y, 1).
+#: The index of x_i x_j in the list of the six different products of (x, y, 1).
 _SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 _FIRST, _SECOND = np.array([0, 0, 0, 1, 1, 2]), np.array([0, 1, 2, 1, 2, 2])
 

@@ -32,7 +32,7 @@ class Board:
     Raises
     ------
     DataError
-        Where there are no points, coordinates are not finite, or ids are repeated.
+        If there are no points, coordinates are not finite, or ids are repeated.
     """
 
     points: Array

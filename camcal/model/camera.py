@@ -78,7 +78,7 @@ class Camera:
         Raises
         ------
         UsageError
-            Where K and distCoeffs cannot describe the camera: OpenCV has no such model, or its functions ignore
+            If K and distCoeffs cannot describe the camera: OpenCV has no such model, or its functions ignore
             the camera's skew, or the model is `mei`, for which `cv2.omnidir` also takes xi
             (`lens.opencv(params)` has all three).
         """

@@ -16,7 +16,7 @@ Array = np.ndarray
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 #: rad: standard deviation of the azimuths about these, a quarter of the distance of neighbours in 13 views
 SCATTER = 0.1
-#: part of the size that was asked for: an object that has to be smaller is refused
+#: part of the requested size: an object that has to be smaller is refused
 LEAST_SHARE = 0.75
 #: attempts at a place in the picture, each with an object smaller by this factor until `LEAST_SHARE`, and closer to the
 #: middle by at least this part: after forty, 1e-4 of the way is left
@@ -83,7 +83,7 @@ def simulate_poses(
     Raises
     ------
     UsageError
-        Where no pose shows all points within the limits.
+        If no pose shows all points within the limits.
     """
     spread = spread or Spread()
     base = np.eye(3) if base is None else base

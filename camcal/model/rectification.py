@@ -134,7 +134,7 @@ def aligned(second_from_first: Pose) -> tuple[Array, float, int]:
     Raises
     ------
     EstimationError
-        Where both cameras stand at the same place.
+        If both cameras stand at the same place.
     """
     half = rotations.exp(-rotations.log(second_from_first.rotation) / 2)
     between = half @ second_from_first.translation
@@ -182,9 +182,9 @@ def rectify(
     Raises
     ------
     UsageError
-        Where a camera does not know its image size.
+        If a camera does not know its image size.
     EstimationError
-        Where the cameras stand at the same place, a picture shows the other camera's place (a perspective picture
+        If the cameras stand at the same place, a picture shows the other camera's place (a perspective picture
         then has no rows), or nothing is left that both show.
     """
     for camera in (first, second):

@@ -34,7 +34,7 @@ class Rig:
     Raises
     ------
     UsageError
-        Where names are missing or unknown, or a pose is not a rigid transformation.
+        If names are missing or unknown, or a pose is not a rigid transformation.
     """
 
     cameras: Mapping[str, Camera]

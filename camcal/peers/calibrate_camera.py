@@ -59,7 +59,7 @@ def run(task: Task, guess: Camera | None) -> Result:
     Raises
     ------
     NotComparableError
-        Where cv2 cannot estimate the same parameters, or refuses the data.
+        If cv2 cannot estimate the same parameters, or refuses the data.
     """
     solution = task.solution
     guess, flags, matrix, distortion = begin(task, guess)
@@ -89,7 +89,7 @@ def begin(task: Task, guess: Camera | None) -> tuple[Camera | None, int, Array, 
     Raises
     ------
     NotComparableError
-        Where cv2 cannot estimate the same parameters.
+        If cv2 cannot estimate the same parameters.
     """
     solution = task.solution
     if guess is None and _needs_guess(task):
@@ -135,7 +135,7 @@ def flags_of(camera: Camera, free: Array) -> int:
     Raises
     ------
     NotComparableError
-        Where cv2 cannot hold, or free, exactly those.
+        If cv2 cannot hold, or free, exactly those.
     """
     lens = camera.lens
     form = lens.opencv(camera.params)

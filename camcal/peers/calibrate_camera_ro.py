@@ -31,7 +31,7 @@ from camcal.solve.refine import How
 NAME = "cv2.calibrateCameraRO"
 #: Unknowns (three a point, six a view) up to which cv2 is asked: 2 s for 240, 55 s for 500.
 MOST_UNKNOWNS = 400
-#: ... where it begins at the result, unless the full comparison is asked for: .15 s for 240, .7 s for 400.
+#: ... where it begins at the result, unless the full comparison is requested: .15 s for 240, .7 s for 400.
 QUICK_UNKNOWNS = 300
 #: Part of the observations that has to be left once all views hold the same points.
 LEAST_SHARE = 0.5
@@ -75,7 +75,7 @@ def complete(data: Observations) -> Observations:
     Raises
     ------
     NotComparableError
-        Where little is left.
+        If little is left.
     """
     common = common_points(data.views)
     assert common is not None  # a board was estimated from them
@@ -116,7 +116,7 @@ def run(task: Task, guess: Camera | None) -> Result:
     Raises
     ------
     NotComparableError
-        Where cv2 cannot estimate the same parameters, or refuses the data.
+        If cv2 cannot estimate the same parameters, or refuses the data.
     """
     solution = task.solution
     board = solution.board

@@ -20,7 +20,7 @@ def camera_by_cv2(solution: Calibration) -> tuple[Camera, str]:
     Raises
     ------
     DataError
-        Where cv2 cannot estimate the same parameters, or refuses the data.
+        If cv2 cannot estimate the same parameters, or refuses the data.
     """
     form = solution.camera.lens.opencv(solution.camera.params)
     if form is None or form.function not in CALIBRATORS:

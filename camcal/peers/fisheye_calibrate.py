@@ -31,7 +31,7 @@ def run(task: Task, guess: Camera | None) -> Result:
     Raises
     ------
     NotComparableError
-        Where cv2 cannot estimate the same parameters, or refuses the data.
+        If cv2 cannot estimate the same parameters, or refuses the data.
     """
     refuse_rigs(task, NAME)
     _refuse_wide_angles(task)

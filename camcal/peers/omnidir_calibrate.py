@@ -30,9 +30,9 @@ def run(task: Task, guess: Camera | None) -> Result:
     Raises
     ------
     LeftOutError
-        Where cv2 does without some of the views.
+        If cv2 does without some of the views.
     NotComparableError
-        Where cv2 cannot estimate the same parameters, refuses the data, or is to begin at a guess.
+        If cv2 cannot estimate the same parameters, refuses the data, or is to begin at a guess.
     """
     if not hasattr(cv2, "omnidir"):
         raise NotComparableError("this cv2 lacks the contributed modules")

@@ -94,7 +94,7 @@ def fitted_again(solution: Calibration, data: Observations, how: How, keep_skew:
     Raises
     ------
     EstimationError
-        Where the observations are too few.
+        If the observations are too few.
     """
     camera, fix = solution.camera, dict(how.fix)
     if not keep_skew and "skew" in camera.lens.names:
@@ -156,7 +156,7 @@ def compare(
     Raises
     ------
     LeftOutError
-        Where cv2 does without some of the views.
+        If cv2 does without some of the views.
     """
     form = solution.camera.lens.opencv(solution.camera.params)
     assert form is not None

@@ -29,7 +29,7 @@ def registered(whole: RigCalibration, a: str, b: str, least: int) -> tuple[RigCa
     Raises
     ------
     NotComparableError
-        Where this cv2 has no such function, no model like one of both, or too few instants are seen by both.
+        If this cv2 has no such function, no model like one of both, or too few instants are seen by both.
     """
     if not hasattr(cv2, "registerCameras"):
         raise NotComparableError(f"this OpenCV has no {AGAINST}, which takes such pairs")

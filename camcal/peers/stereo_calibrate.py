@@ -115,7 +115,7 @@ def _pair(whole: RigCalibration, a: str, b: str, how: How) -> _Pair:
     Raises
     ------
     NotComparableError
-        Where cv2 has no counterpart.
+        If cv2 has no counterpart.
     """
     rig = whole.rig.with_reference(a)
     cameras = {n: rig.cameras[n] for n in (a, b)}

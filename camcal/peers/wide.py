@@ -32,7 +32,7 @@ def held(solution: Calibration, groups: Groups, name: str) -> list[str]:
     Raises
     ------
     NotComparableError
-        Where cv2 cannot hold exactly those.
+        If cv2 cannot hold exactly those.
     """
     lens, values = solution.camera.lens, solution.camera.values
     estimated = {n for n, row in zip(lens.names, solution.free, strict=True) if row.any()}

@@ -40,7 +40,7 @@ def _several_boards(progress: Progress) -> bool:
 
 
 def as_designed(progress: Progress) -> tuple[CalibrationWarning, ...]:
-    """A note on those of several boards whose shape the views do not determine; empty where no shape is wanted."""
+    """A note on those of several boards whose shape the views do not determine; empty if no shape is requested."""
     data = progress.estimate.observations.kept()
     several = Several.of(data)
     if progress.options.board_shape == "flat" or several is None:

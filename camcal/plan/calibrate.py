@@ -80,7 +80,7 @@ def calibrate(
     DataError
         For correspondences that cannot be used.
     EstimationError
-        Where they do not determine a camera.
+        If they do not determine a camera.
     """
     asked = Options.resolve(model=model, robust=robust, **options)
     tell = on_event or _silent
@@ -179,7 +179,7 @@ def _solved(
     options: Mapping[str, Any],
     tell: OnEvent,
 ) -> Solution:
-    """The solution of a followed plan, assessed and compared with cv2 as asked for."""
+    """The solution of a completed plan, assessed and compared with cv2 as requested."""
     second_pass = progress.notes.get("second_pass")
     if second_pass is not None:
         tell("refined-points", second_pass)
@@ -199,7 +199,7 @@ def _solved(
 
 
 def _crosschecked(solution: Solution, progress: Progress, full: bool) -> Solution:
-    """The solution with cv2's results beside its stages."""
+    """The solution with cv2's results for its stages."""
     from camcal.peers.run import crosscheck  # cv2 is loaded only here
 
     made = crosscheck(solution, solution.stages, progress.how, _flat_before(progress), full)
@@ -217,7 +217,7 @@ def first_estimate(
     Raises
     ------
     DataError, EstimationError
-        Where no closed form finds a camera.
+        If no closed form finds a camera.
     """
     asked = Options.resolve(model=model, skew=skew, fix=fix or {})
     given = usable(correspondences)

@@ -44,9 +44,9 @@ def camera_of(progress: Progress) -> Camera:
     Raises
     ------
     DataError
-        Where the file holds no camera, or several.
+        If the file holds no camera, or several.
     UsageError
-        Where the camera is for pictures of another size, or a closed form is named besides.
+        If the camera is for pictures of another size, or a closed form is named besides.
     """
     if progress.options.start is not None:
         raise UsageError("a closed form and a start camera were given; one is needed.", "Omit one of them.")

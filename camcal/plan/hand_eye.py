@@ -92,7 +92,7 @@ def find(solution: Solution | RigSolution, robot: RobotPoses, asked: Asked) -> F
     DataError
         Views without poses, fewer than three, lengths in another unit.
     UsageError
-        Where the set-up has to be said.
+        If the set-up has to be said.
     EstimationError
         Motions that do not determine the transformation, poses that do not belong to the views.
     """
@@ -230,7 +230,7 @@ def _unit(solution: Solution | RigSolution) -> str | None:
     Raises
     ------
     UsageError
-        Where lengths are in squares.
+        If lengths are in squares.
     """
     target = solution.observations.target or {}
     unit = target.get("unit")

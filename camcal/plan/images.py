@@ -42,9 +42,9 @@ def calibrate_images(
     UsageError
         For an unknown option.
     DataError
-        Where no picture shows the target.
+        If no picture shows the target.
     EstimationError
-        Where the pictures do not determine a camera.
+        If the pictures do not determine a camera.
     """
     listed = [paths] if isinstance(paths, (str, os.PathLike)) else list(paths)
     search = {name: options.pop(name) for name in DetectionOptions.options() if name in options}

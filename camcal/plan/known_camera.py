@@ -53,7 +53,7 @@ def evaluate(
     Raises
     ------
     DataError
-        Where the pictures are of another size than the camera's, or a view's points do not determine its pose.
+        If the pictures are of another size than the camera's, or a view's points do not determine its pose.
     """
     _check_size(camera, correspondences)
     check_method(robust)

@@ -55,7 +55,7 @@ def evaluate_rig(
     Raises
     ------
     DataError
-        Where the data name a camera that the rig does not have, or a picture's points do not determine its pose.
+        If the data name a camera that the rig does not have, or a picture's points do not determine its pose.
     """
     views = RigViews.of(data, least=1)
     unknown = [n for n in views.parts if n not in rig.cameras]

@@ -144,7 +144,7 @@ def _ranked(
 
 
 def _with_held(models: Sequence[str], asked: Options) -> tuple[str, ...]:
-    """The models that can hold what is asked for: one without a coefficient holds it at 0 only.
+    """The models that can hold the requested values: a model without a coefficient can hold it only at 0.
 
     Raises
     ------

@@ -42,7 +42,7 @@ def follow_scenes(
     Raises
     ------
     DataError
-        Where a camera is not one of the rig's, or no instant has two pictures that share enough points.
+        If a camera is not one of the rig's, or no instant has two pictures that share enough points.
     """
     sides = _Sides(rig)
     made: list[Matched] = []
@@ -120,7 +120,7 @@ def read_shared(path: str | os.PathLike) -> list[tuple[str, Shared]]:
     Raises
     ------
     DataError
-        Where the table cannot be read, or has a point twice in one picture.
+        If the table cannot be read, or has a point twice in one picture.
     """
     table = read_labelled(path, ("view", "camera", "point"))
     cameras = table.names["camera"]

@@ -73,7 +73,7 @@ def calibrate_rig(
     DataError
         For observations that cannot be used.
     EstimationError
-        Where they do not determine a camera, or do not connect the cameras.
+        If they do not determine a camera, or do not connect the cameras.
     """
     asked = RigOptions.resolve(**options)
     tell = on_event or (lambda _, __: None)

@@ -93,7 +93,7 @@ def fixed_of(name: str, model: str, asked: RigOptions) -> dict[str, float | None
     Raises
     ------
     UsageError
-        Where the model does not have a parameter that is named for this camera.
+        If the model does not have a parameter that is named for this camera.
     """
     lens = None if model in ("auto", "select") else lenses.make(model, asked.skew)
     found = {}

@@ -69,7 +69,7 @@ def follow(rig: RigSolution, views: RigViews, false_alarm: float = 1e-6, robust:
     Raises
     ------
     DataError
-        Where a camera is not one of the rig's, or no instant was seen by two of them.
+        If a camera is not one of the rig's, or no instant was seen by two of them.
     """
     require_cameras(rig, views.parts)
     data, poses = _seen(rig, views, robust)

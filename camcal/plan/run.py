@@ -43,7 +43,7 @@ def solved(observations: Observations, asked: Options) -> Progress:
     Raises
     ------
     DataError, EstimationError
-        Where the observations cannot be used, or do not determine a camera.
+        If the observations cannot be used, or do not determine a camera.
     """
     return follow(plan(), begun(usable(observations), asked))
 
@@ -56,7 +56,7 @@ def usable(observations: Observations, known: bool = False) -> Observations:
     Raises
     ------
     DataError
-        Where none is left, all are exact copies of one, or numbers are too large or too small to be computed with.
+        If none is left, all are exact copies of one, or numbers are too large or too small to be computed with.
     """
     count = len(observations)
     _check_range(observations)

@@ -141,7 +141,7 @@ def select(
     Raises
     ------
     EstimationError
-        Where no model can be fitted.
+        If no model can be fitted.
     """
     tell = on_event or (lambda name, details: None)
     made = {lens.name: lens for lens in (lenses.make(m, skew) for m in models)}

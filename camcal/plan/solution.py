@@ -25,13 +25,13 @@ class Judged(Estimate):
         Every attempt on the way, the result itself last (`refine`).
     warnings : tuple of CalibrationWarning
     options : mapping
-        What was asked for; `{name: value}` or `{name: {value, from}}`.
+        The requested options; `{name: value}` or `{name: {value, from}}`.
     crosscheck : tuple of mappings
         Entries of the report: {stage, against, status, why, opencv, difference}.
     holdout : mapping or None
         Figures on views that took no part.
     selection : mapping or None
-        How the lens model was found, where none was asked for; of a rig by camera.
+        How the lens model was found, if none was requested; for a rig by camera.
     """
 
     stages: tuple[Stage, ...] = ()
@@ -133,7 +133,7 @@ class Solution(Judged, Calibration):
         Raises
         ------
         UsageError
-            Where the file exists and `force` is not given.
+            If the file exists and `force` is not given.
         """
         load("camcal.report.document:save")(load("camcal.report.document:document")(self), path, force)
 

@@ -123,7 +123,7 @@ def append_summary(path: str | os.PathLike, text: str) -> None:
     Raises
     ------
     UsageError
-        Where the file cannot be written.
+        If the file cannot be written.
     """
     try:
         with Path(path).open("a", encoding="utf-8") as stream:

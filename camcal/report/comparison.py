@@ -33,7 +33,7 @@ def load_side(path: str | os.PathLike, image_size: tuple[int, int] | None = None
     Raises
     ------
     DataError
-        Where the file holds no camera.
+        If the file holds no camera.
     """
     file = Path(path)
     source = Source(file) if file.is_file() else None
@@ -50,7 +50,7 @@ def load_rig_side(path: str | os.PathLike) -> RigSide | None:
     Raises
     ------
     DataError
-        Where the file is missing or damaged.
+        If the file is missing or damaged.
     """
     if not Path(path).is_file() or not is_rig(path):
         return None

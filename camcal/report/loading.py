@@ -50,7 +50,7 @@ def load(path: str | os.PathLike) -> Solution:
     Raises
     ------
     DataError
-        Where the file is missing, no camcal report, of a newer schema, or damaged.
+        If the file is missing, not a camcal report, of a newer schema, or damaged.
     """
     found = read_document(path)
     check(found, str(path))
@@ -137,7 +137,7 @@ def load_camera(path: str | os.PathLike, image_size: tuple[int, int] | None = No
     Raises
     ------
     DataError
-        Where the file holds no camera, several, or one that camcal has no lens model for.
+        If the file holds no camera, several, or one that camcal has no lens model for.
     """
     return single(read(path, image_size=image_size), os.fspath(path))
 

@@ -29,7 +29,7 @@ Array = np.ndarray
 
 #: a target that is tilted by less counts as facing the camera
 FACING_DEGREES = 8.0
-#: pictures up to which a wanted uncertainty is searched for
+#: the largest number of pictures tried for a requested uncertainty
 MOST_PICTURES = 100
 #: points along an edge of the drawn target: straight edges are curved in a picture with distortion
 _STEPS = 7

@@ -39,7 +39,7 @@ def load(path: str | os.PathLike) -> Solution | HandEye | Camera | Rig:
     Raises
     ------
     DataError
-        Where the file is missing, damaged, or of no known format, or holds several cameras without poses.
+        If the file is missing, damaged, or of no known format, or holds several cameras without poses.
     """
     file = Path(path)
     if file.is_file():
@@ -105,7 +105,7 @@ def save_camera(
     Raises
     ------
     UsageError
-        Where the format has no room for a term, which is named, or the file exists.
+        If the format has no room for a term, which is named, or the file exists.
     """
     if isinstance(camera, Rig):
         named = tuple(NamedCamera(n, c, camera.cam_from_rig[n]) for n, c in camera.cameras.items())

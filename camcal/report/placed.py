@@ -26,12 +26,12 @@ from camcal.system.reading import read_text
 def load_placed(path: str | os.PathLike) -> tuple[PlacedCamera, ...]:
     """Cameras of a file of DLT coefficients, of a rig in any format, of a report with one view, or of `camcal pose`.
 
-    Cameras of a DLT file are named 1, 2, ... as they stand in it; those of a report without a name `camera`.
+    Cameras of a DLT file are named 1, 2, ... in their order; one of a report without a name is named `camera`.
 
     Raises
     ------
     DataError
-        Where the file holds no camera with a pose.
+        If the file holds no camera with a pose.
     """
     source = Path(path)
     with damage(Source(source, b""), "cameras with poses"):

@@ -34,7 +34,7 @@ class Writer:
     Raises
     ------
     UsageError
-        Where the folder is a file, two pictures would have the same name, or a file exists and `force` is not given.
+        If the folder is a file, two pictures would have the same name, or a file exists and `force` is not given.
     """
 
     def __init__(self, pair: Pair, folder: Path, interpolation: str, force: bool):
@@ -110,7 +110,7 @@ def _names(pair: Pair, index: int) -> tuple[str, str, str]:
 
 
 def _with_rows(pictures: Sequence[Array], axis: int) -> Array:
-    """Both pictures beside or above each other, with lines on which a point lies in both."""
+    """Both pictures side by side or one above the other, with lines on which a point lies in both."""
     made = np.concatenate([_colour(p) for p in pictures], 1 - axis)
     height, width = made.shape[:2]
     side = (height, width)[axis]

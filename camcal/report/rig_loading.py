@@ -33,7 +33,7 @@ def load_rig(path: str | os.PathLike) -> RigSolution:
     Raises
     ------
     DataError
-        Where the file is missing, no report of a rig with its data, or damaged.
+        If the file is missing, not a report of a rig with its data, or damaged.
     """
     found = read_document(path)
     check(found, str(path))
@@ -46,7 +46,7 @@ def load_solution(path: str | os.PathLike) -> Solution | RigSolution:
     Raises
     ------
     DataError
-        Where the file is missing, no report, or damaged, or has no such camera.
+        If the file is missing, not a report, or damaged, or has no such camera.
     """
     name, mark, camera = os.fspath(path).rpartition("#")
     file = name if mark and not Path(path).exists() else os.fspath(path)

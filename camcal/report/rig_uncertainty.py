@@ -34,7 +34,7 @@ def inquire(
     Raises
     ------
     DataError
-        Where nothing of the rig was estimated.
+        If nothing of the rig was estimated.
     """
     if not solution.extrinsics:
         raise DataError(

@@ -60,7 +60,7 @@ def load_pair(path: str | os.PathLike, words: Sequence[str], **layout: Any) -> P
     UsageError
         If the words are not two names of cameras with pictures.
     DataError
-        Where the file has no such cameras, no poses, or the pictures are not the same number of each.
+        If the file has no such cameras, no poses, or the pictures are not the same number of each.
     """
     given = _named(words)
     rig = files.read(path)
@@ -106,7 +106,7 @@ def read_pair(pair: Pair, index: int) -> tuple[Array, Array]:
     Raises
     ------
     DataError
-        Where one is unreadable or of another size than its camera's.
+        If one is unreadable or of another size than its camera's.
     """
     found = []
     for (path, picture), camera in zip(
@@ -154,7 +154,7 @@ def natural(
     Raises
     ------
     DataError
-        Where a picture cannot be read, or a pair shares too few points.
+        If a picture cannot be read, or a pair shares too few points.
     """
     pair = load_pair(path, words)  # at the scale of the pictures
     found = []

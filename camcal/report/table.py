@@ -215,7 +215,7 @@ def _stages(stages: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def crosscheck_table(entries: Sequence[Mapping[str, Any]]) -> RenderableType:
-    """Each stage beside cv2, and what was compared or why it was not."""
+    """Each stage compared with cv2, and what was compared or why it was not."""
     made = table(
         "cross-check", "stage", "against", "status", "rms of cv2", "apart, px", left=["against", "status"]
     )

@@ -38,7 +38,7 @@ def report(paths: Sequence[Path], points: Path, crosscheck: bool, command: Seque
     Raises
     ------
     DataError
-        Where a file cannot be read, a camera of the table is unknown, or no point has two images.
+        If a file cannot be read, a camera of the table is unknown, or no point has two images.
     """
     cameras = _cameras(paths)
     table = read_labelled(points, ("camera", "point"), optional=("sigma",))
@@ -136,7 +136,7 @@ def _entry(index: int, name: str, found: Triangulated, images: Images, part: Arr
 
 
 def _checks(found: Triangulated, images: Images) -> list[dict[str, Any]]:
-    """cv2 beside camcal on the pair of cameras that shares the most points."""
+    """cv2 compared with camcal on the pair of cameras that shares the most points."""
     seen = [set(images.point[(images.camera == c) & found.used].tolist()) for c in range(len(found.cameras))]
     pairs = itertools.combinations(range(len(seen)), 2)
     a, b = max(pairs, key=lambda pair: len(seen[pair[0]] & seen[pair[1]]))

@@ -85,7 +85,7 @@ def inquire(
     Raises
     ------
     DataError
-        Where the report holds a camera of which nothing was estimated, or a pixel has no ray.
+        If the report holds a camera of which nothing was estimated, or a pixel has no ray.
     """
     if not solution.free.shape[1] or not len(solution.poses):
         raise DataError(

@@ -35,7 +35,7 @@ from camcal.solve.parameters import apply_fixed
 
 Array = np.ndarray
 
-_FRAME = re.compile(r"\d+:(.+)")  # a point of DLTdv's table, whose instant stands in its name
+_FRAME = re.compile(r"\d+:(.+)")  # a point of DLTdv's table, whose instant is part of its name
 
 
 def report(
@@ -57,7 +57,7 @@ def report(
     DataError
         A table without two cameras, markers other than those of the bar, a camera file that cannot be read.
     UsageError
-        Where a camera has neither a file nor an image size.
+        If a camera has neither a file nor an image size.
     """
     table = read_labelled(path, ("camera", "view", "point"))
     seen, twice = _sightings(table, bar)

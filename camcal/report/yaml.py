@@ -116,7 +116,7 @@ def dump_yaml(document: Any) -> str:
 
 def _dumped(value: Any) -> str:
     text = yaml.dump(value, Dumper=ReportDumper, sort_keys=False, allow_unicode=True, width=110)
-    return escaped(text)  # such characters stand in quoted text alone, see `_text`
+    return escaped(text)  # such characters occur only in quoted text, see `_text`
 
 
 def _option(name: str, entry: Any) -> str:
@@ -168,7 +168,7 @@ def read_document(path: str | os.PathLike) -> dict[str, Any]:
     Raises
     ------
     DataError
-        Where the file is missing, unreadable, too large, not YAML, nested too deep, or no mapping, or has
+        If the file is missing, unreadable, too large, not YAML, nested too deep, or no mapping, or has
         aliases (`*name`): a few lines of them can stand for more than fits in memory.
     """
     text = read_text(path, LARGEST, "a camcal report", "A camcal report is a YAML file.")

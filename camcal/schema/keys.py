@@ -62,7 +62,7 @@ def renewed(page: str) -> str:
     Raises
     ------
     KeyError
-        Where the page has a table of a path that the schema does not have.
+        If the page has a table of a path that the schema does not have.
     """
     known = dict(sections())
     return _BLOCK.sub(lambda m: f"<!-- keys: {m[1]} -->\n{table(known[m[1]])}<!-- end -->", page)

@@ -29,7 +29,7 @@ class Kind:
         Raises
         ------
         UsageError
-            Where it is not of this kind: what was found and what is needed, with a hint.
+            If it is not of this kind: what was found and what is needed, with a hint.
         """
         return value
 

@@ -106,7 +106,7 @@ class Option:
         Raises
         ------
         UsageError
-            Where the value does not fit; the message does not name the option.
+            If the value does not fit; the message does not name the option.
         """
         return None if value is None and self.default is None else self.kind.convert(value)
 

@@ -35,7 +35,7 @@ def parse_grid(text: str) -> tuple[int, int]:
     Raises
     ------
     UsageError
-        Where it is not two whole numbers of at least 2.
+        If it is not two whole numbers of at least 2.
     """
     match = re.fullmatch(r"(\d{1,9})[xX](\d{1,9})", text.strip())
     if not match:
@@ -54,7 +54,7 @@ def parse_length(text: str) -> Length:
     Raises
     ------
     UsageError
-        Where it is not a positive number with a known unit or none.
+        If it is not a positive number with a known unit or none.
     """
     match = re.fullmatch(r"([0-9.]+(?:[eE][-+]?\d+)?)\s*([a-zA-Z]*)", text.strip())
     value = (real(match[1]) if match else None) or 0.0

@@ -88,7 +88,7 @@ def initial_poses(
     Raises
     ------
     DataError
-        Where a view has too few points, or all on a line.
+        If a view has too few points, or all on a line.
     """
     sigma = views_sigma if views_sigma is not None else [None] * len(views_xyz)
     views = tuple(

@@ -98,7 +98,7 @@ def estimate(correspondences: Correspondences) -> RadialStart:
     Raises
     ------
     DataError
-        Where a view has too few points.
+        If a view has too few points.
     EstimationError
         If all views are fronto-parallel, so that the focal length is undetermined.
     """
@@ -133,7 +133,7 @@ def prepared(
     Raises
     ------
     DataError
-        Where a view has too few points.
+        If a view has too few points.
     """
     views, scales = [], np.empty(len(correspondences))
     for i, view in enumerate(correspondences.views):

@@ -30,7 +30,7 @@ def example_camera(
     Raises
     ------
     UsageError
-        Where the model, or a parameter, is unknown.
+        If the model, or a parameter, is unknown.
     """
     lens = lenses.make(model, skew)
     params, size = lens.examples()[0]

@@ -29,7 +29,7 @@ def read_file(
     Raises
     ------
     DataError
-        Where it is missing, a folder, a device or a pipe, too large, or cannot be read.
+        If it is missing, a folder, a device or a pipe, too large, or cannot be read.
     """
     try:
         with os.fdopen(os.open(path, _FLAGS), "rb") as stream:

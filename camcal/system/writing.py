@@ -37,7 +37,7 @@ def check_writable(path: str | os.PathLike, force: bool = False) -> None:
     Raises
     ------
     UsageError
-        Where the file exists and `force` is false, where it is a folder or `-`, or where its folder is missing
+        If the file exists and `force` is false, where it is a folder or `-`, or where its folder is missing
         or read-only.
     """
     target = Path(path)
@@ -82,7 +82,7 @@ def atomic_write(path: str | os.PathLike, content: str | bytes, force: bool = Fa
     UsageError
         As `check_writable`; also where another program has made the file meanwhile.
     DataError
-        Where the system refuses to write (a full disk).
+        If the system refuses to write (a full disk).
     """
     check_writable(path, force)
     data = readable(content).encode("utf-8") if isinstance(content, str) else content
@@ -151,7 +151,7 @@ class PartFile:
         Raises
         ------
         UsageError
-            Where a file of that name exists and `force` is false.
+            If a file of that name exists and `force` is false.
         """
         os.fsync(self._handle)
         if fcntl is None:

@@ -38,7 +38,7 @@ def load(path: Path) -> dict[str, Any]:
     Raises
     ------
     DataError
-        Where the file is no checkpoint of this version, or is damaged.
+        If the file is no checkpoint of this version, or is damaged.
     """
     sweep(path.resolve().parent)
     head, _, body = read_text(path, LARGEST, "a state of `camcal track`", _HINT).partition("\n")

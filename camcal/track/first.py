@@ -34,9 +34,9 @@ def fit(model: Model, frame: Frame, known: float | None, probability: float) -> 
     Raises
     ------
     EstimationError
-        Where the points do not determine a camera, or fit none.
+        If the points do not determine a camera, or fit none.
     DataError
-        Where they contradict every camera.
+        If they contradict every camera.
     """
     needed = model.start_points
     different = len(np.unique(frame.xyz, axis=0))
@@ -117,10 +117,10 @@ def projection_matrix(xyz: Array, uv: Array) -> Array:
     Raises
     ------
     EstimationError
-        Where the points lie on a plane or otherwise do not determine M, or where only a mirrored camera comes near
+        If the points lie on a plane or otherwise do not determine M, or where only a mirrored camera comes near
         them and that fits no better than points matched at random.
     DataError
-        Where the world's frame is left-handed.
+        If the world's frame is left-handed.
     """
     if is_flat(xyz):
         raise EstimationError(PLANE, PLANE_HINT)

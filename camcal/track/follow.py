@@ -130,7 +130,7 @@ class Follower(Kept):
         Raises
         ------
         DataError
-            Where the state that the run went on from does not fit the frames: it is damaged.
+            If the state that the run went on from does not fit the frames: it is damaged.
         """
         if self._resumed and self.state_file is not None:
             with checkpoint.damage(self.state_file):
@@ -234,9 +234,9 @@ class Follower(Kept):
         Raises
         ------
         DataError
-            Where the file is no checkpoint.
+            If the file is no checkpoint.
         UsageError
-            Where it was made with other options, or the rows that belong to it are gone.
+            If it was made with other options, or the rows that belong to it are gone.
         """
         if self.state_file is None:
             return

@@ -18,7 +18,7 @@ def physical_model(options: TrackOptions) -> PhysicalModel:
     Raises
     ------
     UsageError
-        Where parameters are to be held at values that are not given.
+        If parameters are to be held at values that are not given.
     """
     if options.camera is not None:
         return PhysicalModel(options.camera.lens, options.camera.params, options.fix)

@@ -99,9 +99,9 @@ class Model(Kept, ABC):
         Raises
         ------
         EstimationError
-            Where the points do not determine a camera.
+            If the points do not determine a camera.
         DataError
-            Where they contradict every camera.
+            If they contradict every camera.
         """
 
     def prior(self, x: Any) -> Array | None:

@@ -65,7 +65,7 @@ def figures(motion: str, drift: Mapping[str, float]) -> dict[str, float]:
     Raises
     ------
     UsageError
-        Where the motion or a group is unknown, or a figure negative.
+        If the motion or a group is unknown, or a figure negative.
     """
     if motion not in MOTIONS:
         raise UsageError(

@@ -105,7 +105,7 @@ class Output:
         Raises
         ------
         UsageError
-            Where the file is missing or shorter, or another run writes to it.
+            If the file is missing or shorter, or another run writes to it.
         """
         if self.special or not size:
             self._begun = self.special
@@ -127,9 +127,9 @@ class Output:
         Raises
         ------
         UsageError
-            Where another program has made a file of that name meanwhile.
+            If another program has made a file of that name meanwhile.
         DataError
-            Where the system refuses to write.
+            If the system refuses to write.
         """
         self.flush()
         with self._refusals():

@@ -49,7 +49,7 @@ def read_table(path: Path) -> dict[str, Array]:
     Raises
     ------
     DataError
-        Where the file is no such table.
+        If the file is no such table.
     """
     kept: list[dict[str, Any]] = []
     alarms: list[dict[str, Any]] = []

@@ -66,7 +66,7 @@ def fit(
     Raises
     ------
     EstimationError
-        Where the inliers do not determine the camera or the iteration does not settle.
+        If the inliers do not determine the camera or the iteration does not settle.
     """
     x, scale = start, 1.0
     own = np.ones(len(frame)) if frame.sigma is None else frame.sigma

@@ -105,7 +105,7 @@ def test_a_model_that_cv2_does_not_have_is_set_beside_its_nearest():
 def test_no_nearest_where_cv2_calibrates_nothing(monkeypatch):
     monkeypatch.setattr(nearest, "_by_cv2", lambda *_: None)
     _, (made,) = refined(wide_data("ds"), "ds")
-    assert made["status"] == "not_applicable" and "none of these data" in made["why"]
+    assert made["status"] == "not_applicable" and "cannot calibrate these data" in made["why"]
 
 
 def test_a_camera_by_cv2_of_a_wide_lens():

@@ -54,7 +54,7 @@ def read(
     Raises
     ------
     DataError
-        Where the file is missing, damaged, of no known format, or names a model that is not known.
+        If the file is missing, damaged, of no known format, or names a model that is not known.
     """
     file, chosen = split_name(path)
     source = Source(file, image_size=image_size)
@@ -98,7 +98,7 @@ def recognised(source: Source) -> Format:
     Raises
     ------
     DataError
-        Where no format is recognised.
+        If no format is recognised.
     """
     for form in formats():
         with damage(source, form.title):
@@ -135,7 +135,7 @@ def single(found: CameraFile, source: str) -> Camera:
     Raises
     ------
     DataError
-        Where there are several, or where camcal has no exact counterpart of the lens.
+        If there are several, or where camcal has no exact counterpart of the lens.
     """
     cameras = [c.camera for c in found.cameras]
     first = exact(cameras[0])
@@ -170,7 +170,7 @@ def target_format(path: str | os.PathLike, name: str | None) -> Format:
     Raises
     ------
     UsageError
-        Where neither says it, or the format can only be read.
+        If neither says it, or the format can only be read.
     """
     known = name or format_of(path)
     if known is None:
@@ -202,7 +202,7 @@ def write(
     Raises
     ------
     UsageError
-        Where the format has no room for a term, for several cameras or for poses, or the file exists.
+        If the format has no room for a term, for several cameras or for poses, or the file exists.
     """
     from camcal.data.writing import atomic_write, check_writable
 

@@ -89,7 +89,7 @@ class Source:
         Raises
         ------
         DataError
-            Where the content is not what its kind says.
+            If the content is not what its kind says.
         """
         parser = {"yaml": parse_yaml, "json": parse_json, "toml": parse_toml}.get(self.kind)
         return None if parser is None else parser(self.text or "", self.path)

@@ -32,7 +32,7 @@ class Board:
         Raises
         ------
         DataError
-            Where the size is not known, or another than the number of corners.
+            If the size is not known, or another than the number of corners.
         """
         columns, rows = self.grid or (round(count**0.5),) * 2
         if columns * rows != count:
@@ -58,7 +58,7 @@ def one_camera(source: Source, names: Sequence[str], board: Board) -> int:
     Raises
     ------
     DataError
-        Where there are several and none is named, or the name is none of them.
+        If there are several and none is named, or the name is none of them.
     """
     known = ", ".join(names[:20])
     if board.camera is not None:
@@ -79,7 +79,7 @@ def table_of(source: Source, views: Sequence[tuple[str, Array, Array, Array | No
     Raises
     ------
     DataError
-        Where no view has a point, or a coordinate is not finite.
+        If no view has a point, or a coordinate is not finite.
     """
     kept = [v for v in views if len(v[1])]
     if not kept:

@@ -37,7 +37,7 @@ def vnl(correspondences: Correspondences) -> str:
     Raises
     ------
     UsageError
-        Where the points are no rectangular grid, or a name holds a blank.
+        If the points are no rectangular grid, or a name holds a blank.
     """
     views = correspondences.views
     places = np.unique(np.concatenate([v.xyz for v in views]).round(DIGITS)[:, [2, 1, 0]], axis=0)[:, ::-1]

@@ -69,7 +69,7 @@ def make(spec: str, skew: bool = False) -> Lens:
     Raises
     ------
     UsageError
-        Where the name or an option is unknown.
+        If the name or an option is unknown.
     """
     name, plain, named = split_spec(spec)
     return look_up(LENSES, name, "model").parse(name, plain, named, skew)

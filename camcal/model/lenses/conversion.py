@@ -65,9 +65,9 @@ def convert(camera: Camera, lens: Lens, square: bool = False) -> Conversion:
     Raises
     ------
     UsageError
-        Where the camera does not know its image size.
+        If the camera does not know its image size.
     EstimationError
-        Where no pixel of it has a ray.
+        If no pixel of it has a ray.
     """
     if camera.image_size is None:
         raise UsageError("the camera file has no image size.", "Give --image-size WxH.")

@@ -68,7 +68,7 @@ def fit_pairs(
     Raises
     ------
     DataError
-        Where there are fewer pairs than the model has unknowns, or where one ideal point has several pixels.
+        If there are fewer pairs than the model has unknowns, or where one ideal point has several pixels.
     """
     _check_a_map(ideal, distorted)
     hold = [n for n in lens.default_fixed if n not in lens.turns]

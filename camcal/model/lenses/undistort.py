@@ -80,9 +80,9 @@ def undistortion(
     Raises
     ------
     UsageError
-        Where the camera does not know its image size, or a field is too wide for the projection.
+        If the camera does not know its image size, or a field is too wide for the projection.
     EstimationError
-        Where the middle of the picture has no ray.
+        If the middle of the picture has no ray.
     """
     if camera.image_size is None:
         raise UsageError("the camera file has no image size.", "Give --image-size WxH.")

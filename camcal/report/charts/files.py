@@ -38,7 +38,7 @@ def write_charts(
     Raises
     ------
     UsageError
-        Where matplotlib is not installed, or a file exists and `force` is false.
+        If matplotlib is not installed, or a file exists and `force` is false.
     """
     _needs_matplotlib()
     found = charts(solution)

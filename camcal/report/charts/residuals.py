@@ -84,7 +84,7 @@ def cell_means(
 
 
 def histogram(solution: Solution) -> Chart | None:
-    """The coordinates of the residuals beside the Gaussian of their estimated sigma."""
+    """The coordinates of the residuals with the Gaussian of their estimated sigma."""
     r, sigma, unit = standardised(solution)
     if len(r) < LEAST_POINTS or not np.isfinite(sigma) or sigma <= 0:
         return None

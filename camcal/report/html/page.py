@@ -41,7 +41,7 @@ def page(report: dict[str, Any], solution: Solution, source: str = "report.yaml"
     Raises
     ------
     UsageError
-        Where jinja2 is not installed.
+        If jinja2 is not installed.
     """
     template = template_of("page.html")
     shown, on_pictures = pictures.thumbnails(solution, report, Path(source).resolve().parent)

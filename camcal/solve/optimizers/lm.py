@@ -44,7 +44,7 @@ def minimise(
     Raises
     ------
     EstimationError
-        Where the start itself cannot be projected.
+        If the start itself cannot be projected.
     """
     options = options or Options()
     found = _descend(problem, state, options, on_step)
