@@ -155,7 +155,7 @@ def _usable(given: Any, known: bool) -> Observations:
     """Check the type of the observations, then apply `usable`."""
     if not isinstance(given, Observations):
         raise UsageError(
-            f"the observations of a camera are needed; a {type(given).__name__} was given.",
+            f"the observations of a camera are needed, not a {type(given).__name__}.",
             "camcal.read_points reads a table; camcal.calibrate_images takes pictures, camcal.calibrate_rig a rig.",
         )
     return usable(given, known)

@@ -59,7 +59,7 @@ def of_pictures(
     files = list_pictures(paths)
     if not 2 <= len(files) <= MOST_PICTURES:
         raise DataError(
-            f"{len(files)} pictures were given; 2 to {MOST_PICTURES} are needed.",
+            f"pictures given: {len(files)}; 2 to {MOST_PICTURES} are needed.",
             "Give pictures of one scene from different positions.",
         )
     found, size = _points(files)

@@ -122,7 +122,7 @@ def test_what_is_undetermined_is_refused_by_name():
     uv = PINHOLE.project(line + [0, 0, 10])
     with pytest.raises(EstimationError, match="on a line"):
         routes_pose.find(PINHOLE, View("v", line, uv))
-    with pytest.raises(EstimationError, match="one point"):
+    with pytest.raises(EstimationError, match="coincide"):
         routes_pose.find(PINHOLE, View("v", np.ones((4, 3)), uv[:4]))
     with pytest.raises(DataError, match="2 points"):
         routes_pose.find(PINHOLE, View("v", line[:2], uv[:2]))
