@@ -26,9 +26,9 @@ LINES = 10
 def command(ctx: click.Context, source: str, output: str, **options: Any) -> int:
     """Calibrate many cameras or rigs: one report each, a summary of all, control charts of each type.
 
-    FOLDER has a sub-folder of pictures, or a table of points, per camera; JOBS.yaml lists jobs, of rigs too, with
-    options of their own. Options given here hold for every job that does not have its own. A job that fails stops no
-    other. The exit code is 1 where a job failed or one of its gates fell.
+    FOLDER has a sub-folder of pictures, or a table of points, per camera; JOBS.yaml lists jobs, of rigs too,
+    with individual options. Options given here apply to every job that does not set them. A job that fails does
+    not stop the others. The exit code is 1 if a job or one of its gates failed.
     """
     from camcal.batch.ci import checks, markdown
     from camcal.batch.fleet import LEAST, controls, csv_text, with_fleet

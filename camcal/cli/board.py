@@ -18,8 +18,8 @@ def command(spec: str, output: Path, page: str, dpi: float, force: bool) -> None
     """Write a target at true scale, with rulers in both directions to check the print.
 
     SPEC is a target with its sizes, such as checkerboard:9x6:25mm; `camcal list targets` names them. A
-    configuration file of the same name (.yaml) is written beside it: calibrate with --config and that file. It
-    says how to measure and mount the print; so does the second page of a PDF.
+    configuration file of the same name (.yaml) is written next to it: calibrate with --config and that file. It
+    explains how to measure and mount the print, as does the second page of a PDF.
     """
     from camcal import registry
     from camcal.data.writing import atomic_write, check_writable

@@ -21,8 +21,8 @@ def command(ctx: click.Context, images: tuple[str, ...], save_corners: Path | No
     """Calibrate a camera from pictures of a checkerboard or another target.
 
     IMAGES are folders, files, quoted patterns, zip archives, films (of which frames are chosen, named
-    movie.mp4#123) or numbered frames (frame_%04d.png). What target it is, and its size, is found from the pictures
-    where --target and --board do not say it.
+    movie.mp4#123) or numbered frames (frame_%04d.png). The target and its size are recognised from the pictures
+    unless --target or --board is given.
     """
     from camcal.cli.inputs import refuse_tables
     from camcal.cli.job import calibrate_and_report, in_order, output_is_free, read_pictures

@@ -22,10 +22,11 @@ FILE = click.Path(path_type=Path)
 def command(a: Path, b: Path | None, **options: Any) -> int:
     """Compare two cameras by what they project, over the image.
 
-    A and B are camera files of any format; `camcal list formats` names them. The exit code is 1 where a gate
-    falls. Gates look at the part of the picture that both cameras have data for. The difference is taken after the
-    rotation (at a finite distance also the shift) that fits best, because a calibration ties a camera's frame to
-    nothing. Of two rigs: each camera by its name, and the relative poses; rig.yaml#left is one camera of a rig.
+    A and B are camera files of any format; `camcal list formats` names them. The exit code is 1 if a gate
+    fails. Gates apply to the part of the picture for which both cameras have data. The difference is taken
+    after the best-fitting rotation (at a finite distance also translation), because a calibration does not
+    define the camera's frame. Two rigs are compared camera by camera, with their relative poses; rig.yaml#left
+    is one camera of a rig.
     """
     if (b is None) == (options["against"] is None):
         raise UsageError("two cameras are needed.", "Give a second file, or --against cv2.")

@@ -32,8 +32,8 @@ PLAIN = (
 def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> None:
     """Run all optimizers on one problem, from the same starts, and compare cost, evaluations and time.
 
-    The first start is that of the closed form; the others are moved from it at random. An optimizer says that
-    it converged where the decrease that the Gauss-Newton model still predicts is negligible.
+    The first start is that of the closed form; the others are random perturbations of it. An optimizer has
+    converged if the decrease that the Gauss-Newton model still predicts is negligible.
     """
     from camcal.cli.job import command_line, output_is_free
     from camcal.cli.results import deliver

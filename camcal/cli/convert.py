@@ -29,10 +29,10 @@ RICHER = ("kb4", "opencv8", "spline:12x9")
 def command(ctx: click.Context, source: Path, target: Path | None, **options: Any) -> int:
     """Convert a camera to another program's format, or to another lens model.
 
-    SRC and DST are camera files of any format; `camcal list formats` names them. Terms that DST has no place
-    for are an error that names them, unless --to-model refits: then the largest difference over the image is
-    printed, and nothing is written where it exceeds --max-px (exit code 4). With {camera} in its name, DST is
-    one file for each camera.
+    SRC and DST are camera files of any format; `camcal list formats` names them. Terms that DST cannot
+    represent are an error that names them, unless --to-model refits the camera: then the largest difference
+    over the image is printed, and nothing is written if it exceeds --max-px (exit code 4). With {camera} in its
+    name, DST is one file for each camera.
     """
     target = _target(target, options)
     cameras = _source(source, options)

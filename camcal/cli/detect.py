@@ -18,9 +18,8 @@ from camcal.cli.verbosity import note, verbosity_options
 def command(images: tuple[str, ...], output: Path, force: bool, **options: Any) -> int:
     """Find a target in pictures and write its corners.
 
-    IMAGES are folders, files, quoted patterns, zip archives or films, as for `camcal checkerboard`. The table is
-    plain: any other detector could have written it. Give the size of the pictures to `camcal estimate` with
-    --image-size.
+    IMAGES are folders, files, quoted patterns, zip archives or films, as for `camcal checkerboard`. The table
+    has the format that `camcal estimate` reads from any detector; give it the picture size with --image-size.
     """
     from camcal.cli.inputs import refuse_tables
     from camcal.cli.job import read_pictures, save_detections

@@ -23,9 +23,9 @@ SOMETHING_WRONG = 1
 def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
     """Find what is wrong, and say in plain words what to do next.
 
-    Of a REPORT: its warnings and what would make the camera better known, ordered by how much. Of IMAGES (or
-    tables of points): the pictures themselves, and then a calibration of them. Without an argument: the
-    installation. Exit code 1 where something is wrong.
+    For a REPORT: its warnings and possible improvements, ordered by their gain. For IMAGES (or tables of
+    points): the pictures themselves, and then a calibration from them. Without an argument: the installation.
+    The exit code is 1 if something is wrong.
     """
     from camcal.cli.output import emit
 

@@ -20,14 +20,14 @@ from camcal.cli.verbosity import note, verbosity_options
 def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: Any) -> int:
     """Test a camera on data that it was not calibrated with.
 
-    CAMERA is a camera file of any format (`camcal list formats`). Its intrinsics stay as they are, the pose of each
-    view is refitted (four points are enough), and what remains is reported as after a calibration: graded against
-    the residuals in the camera's own report, with a name for exchanged axes and pictures of another size. Of a rig, a
-    table names the camera of each point in a column `camera`, or the pictures of each camera are given by its name
-    (left=FOLDER right=FOLDER), and each view has one pose for all cameras. With --lines the data are straight lines,
-    and the report says how straight they become. With --natural the data are pictures of anything by two cameras of a
-    rig (left=PICTURES right=PICTURES), and the report says how far points lie from their rows; --max-rms is then a
-    limit of that.
+    CAMERA is a camera file of any format (`camcal list formats`). Its intrinsics are held, the pose of each
+    view is refitted (four points are enough), and the residuals are reported as after a calibration: graded by
+    comparison with the residuals in the camera's own report, with warnings for exchanged axes and pictures of
+    another size. For a rig, a table names the camera of each point in a column `camera`, or the pictures of
+    each camera are given by its name (left=FOLDER right=FOLDER), and each view has one pose for all cameras.
+    With --lines the data are straight lines, and the report states how straight they become. With --natural the
+    data are pictures of arbitrary scenes by two cameras of a rig (left=PICTURES right=PICTURES), and the report
+    states the vertical disparities, which --max-rms then limits.
     """
     from camcal.cli.job import command_line, deliver_solution, output_is_free, read_data
 

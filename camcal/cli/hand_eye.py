@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
     """Find where a camera sits on a robot's hand, or beside the robot.
 
-    IMAGES are pictures of a board, as for `camcal checkerboard`; REPORT is what `checkerboard`, `evaluate` or `rig`
-    wrote of them. The pictures' and the robot's noise are both estimated.
+    IMAGES are pictures of a board, as for `camcal checkerboard`; REPORT is what `checkerboard`, `evaluate` or
+    `rig` wrote for them. The noise of the pictures and of the robot is estimated.
     """
     from camcal.cli.job import GATE_FAILED, command_line, output_is_free
     from camcal.cli.output import console

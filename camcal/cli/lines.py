@@ -19,8 +19,8 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
     """Find the distortion of a lens from straight lines, without a target.
 
     The lines are found in pictures (taut strings, printed grids, edges of buildings and boards), or given in
-    tables line,u,v[,view]. Lines do not say how long the focal length is: it is held at the longer side of the
-    picture, or where --fix fx=VALUE puts it.
+    tables line,u,v[,view]. Lines do not determine the focal length: it is held at the longer side of the
+    picture, or at --fix fx=VALUE.
     """
     from camcal.cli.job import command_line, output_is_free
     from camcal.cli.results import deliver_route

@@ -24,7 +24,7 @@ def command(report: Path, **options: Any) -> None:
 
     Poses that keep the whole target in the picture are tried; the one that reduces the worst projection
     uncertainty over the picture most is described, and drawn with -o. With --count N several drawings are
-    named NAME-1, NAME-2, ... Of a rig: the instant after which the distances of its cameras are best known.
+    named NAME-1, NAME-2, ... For a rig: the instant that best determines the distances between its cameras.
     """
     output = options["output"]
     paths = _paths(output, options["count"])

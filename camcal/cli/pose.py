@@ -22,8 +22,8 @@ FILE = click.Path(path_type=Path)
 def command(ctx: click.Context, camera: Path, points: Path, **options: Any) -> int:
     """Find the pose of a known camera from three or more points and their images.
 
-    CAMERA is a camera file of any format, POINTS a table as `camcal estimate` reads it. Where the
-    points allow several poses (three points, a plane seen from afar), all are reported, the best first.
+    CAMERA is a camera file of any format, POINTS a table as `camcal estimate` reads it. If the points allow
+    several poses (three points, a distant plane), all are reported, the best first.
     """
     from camcal.cli.job import command_line, output_is_free
     from camcal.cli.results import deliver_route

@@ -23,11 +23,11 @@ FILE = click.Path(path_type=Path)
 def command(ctx: click.Context, rig: Path, pictures: tuple[str, ...], **options: Any) -> int:
     """Rectify pictures of two cameras, so that a point lies in the same row of both.
 
-    RIG holds cameras with their poses: a report of `camcal rig`, or a stereo file of OpenCV, Kalibr, MATLAB and others.
-    NAME=PICTURES are two of its cameras, each with a picture or a folder, such as left=left.png right=right.png. FOLDER
-    gets the rectified pictures, both side by side with rows drawn (rows-....png), the maps (maps.npz: left_u, left_v,
-    right_u, right_v, for cv2.remap) and rectification.yaml: R1, R2, P1, P2 and Q under OpenCV's names. Of a pair one
-    above the other, points lie in the same column.
+    RIG holds cameras with their poses: a report of `camcal rig`, or a stereo file of OpenCV, Kalibr, MATLAB and
+    others. NAME=PICTURES are two of its cameras, each with a picture or a folder, such as left=left.png
+    right=right.png. FOLDER receives the rectified pictures, side-by-side views with rows drawn (rows-....png),
+    the maps (maps.npz: left_u, left_v, right_u, right_v, for cv2.remap) and rectification.yaml: R1, R2, P1, P2
+    and Q under OpenCV's names. For a pair with one camera above the other, points lie in the same column.
     """
     from camcal.cli.job import command_line
     from camcal.cli.output import emit, progress

@@ -20,9 +20,9 @@ FILE = click.Path(path_type=Path)
 def command(report: Path, output: Path | None, plots: Path | None, **options: Any) -> None:
     """Show a report as one self-contained HTML page.
 
-    The page needs no network and no other file: verdict, parameters, residuals, coverage, uncertainty, poses
-    in space, the pictures with their corners where they are still there, and the cross-check. With --plots
-    its charts are written as PNG, SVG or PDF; with both -o and --plots, both.
+    The page needs no network and no other file: verdict, parameters, residuals, coverage, uncertainty, poses in
+    space, the pictures with their corners if they still exist, and the cross-check. With --plots, its charts
+    are written as PNG, SVG or PDF; with both -o and --plots, both are written.
     """
     from camcal.data.writing import check_writable
 

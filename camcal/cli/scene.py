@@ -19,8 +19,9 @@ from camcal.cli.verbosity import note, verbosity_options
 def command(ctx: click.Context, picture: Path, **options: Any) -> int:
     """Find the focal length, the principal point and the attitude from one picture of a room or a street.
 
-    Lines in three orthogonal directions give both, in two the focal length alone. They are found in the picture, or
-    given as a table line,u,v with --image-size. What they leave undetermined is held and said, or refused.
+    Lines in three orthogonal directions determine both, lines in two directions only the focal length. They are
+    found in the picture, or given as a table line,u,v with --image-size. Undetermined parameters are held with
+    a warning, or cause an error.
     """
     from camcal.cli.job import command_line, output_is_free
     from camcal.cli.results import deliver

@@ -18,11 +18,11 @@ from camcal.system.text import counted
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
-    """Fit several lens models and rank them by their error on views held out, poses refitted.
+    """Fit several lens models and rank them by their error on held-out views, with poses refitted.
 
-    A model that contains another is also started from the optimum of that one. Models with a fold or a pole inside
-    the image, or with parameters that the data do not determine, are not chosen. With -o, the selection is written as
-    YAML.
+    A model that contains another is also started from the optimum of that one. Models with a fold or a pole
+    inside the image, or with parameters that the data do not determine, are not chosen. With -o, the selection
+    is written as YAML.
     """
     from camcal.cli.job import output_is_free, read_data
     from camcal.cli.output import progress

@@ -20,9 +20,9 @@ from camcal.system.text import counted
 def command(ctx: click.Context, data: tuple[Path, ...], **options: Any) -> int:
     """Calibrate a camera from points that several views share, without knowing where they are.
 
-    TRACKS is a table view,point,u,v: the same camera in every view, the same name for the same point. Of IMAGES, two to
-    a hundred of one scene, the tracks are found (SIFT). Motions that leave the focal length undetermined (critical
-    motions) are refused.
+    TRACKS is a table view,point,u,v: the same camera in every view, the same name for the same point. In
+    IMAGES, two to a hundred of one scene, the tracks are found (SIFT). Motions that leave the focal length
+    undetermined (critical motions) are an error.
     """
     from camcal.cli.job import command_line, output_is_free
     from camcal.cli.results import deliver_route

@@ -18,7 +18,7 @@ POINT_DIGITS = 10  #: decimals of a pixel in the files: far below any noise, and
 
 @click.group("simulate")
 def command() -> None:
-    """Simulate data, and write the true values into a YAML file beside them."""
+    """Simulate data, and write the true values to a YAML file in the same folder."""
 
 
 command.add_command(frames_command)

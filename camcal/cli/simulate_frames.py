@@ -19,8 +19,8 @@ from camcal.system.text import counted
 def command(ctx: click.Context, output: Path, seed: int, force: bool, **given: Any) -> None:
     """Simulate frames of a camera that moves or is knocked, as a table for `camcal track`.
 
-    Beside FILE.csv, FILE.truth.csv has the true camera of each frame under the names that the table of
-    `camcal track` uses, and FILE.truth.yaml the last one as a camera file.
+    In addition to FILE.csv, FILE.truth.csv has the true camera of each frame, with the columns of the table of
+    `camcal track`, and FILE.truth.yaml the last one as a camera file.
     """
     from camcal.data.writing import atomic_write, check_writable
     from camcal.report.plain import plain

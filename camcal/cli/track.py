@@ -30,11 +30,11 @@ SHOWN = 20
 def command(ctx: click.Context, frames: tuple[str, ...], **options: Any) -> int:
     """Follow a camera that changes with time, and report when it has changed.
 
-    FRAMES is a table with the columns frame,X,Y,Z,u,v[,sigma][,t], or - for such a table from stdin, where
-    each row of the answer comes as its frame is complete; or pictures of one fixed target (with --camera).
-    The answer has a row a frame: the projection matrix, K, R, t, their sigmas, the innovation and its test.
-    With --rig it is the places of a rig's cameras that are followed: the answer has a row a camera and instant. The
-    cameras see a board, or with --natural anything.
+    FRAMES is a table with the columns frame,X,Y,Z,u,v[,sigma][,t], or - for such a table from stdin, where each
+    output row is written as soon as its frame is complete; or pictures of one fixed target (with --camera). The
+    output has a row for each frame: the projection matrix, K, R, t, their sigmas, the innovation and its test.
+    With --rig, the poses of a rig's cameras are followed, and the output has a row for each camera and instant.
+    The cameras see a board, or with --natural arbitrary scenes.
     """
     if options["rig"] is not None or options["natural"]:
         from camcal.cli.track_rig import follow_rig

@@ -24,8 +24,8 @@ FILE = click.Path(path_type=Path)
 def command(ctx: click.Context, cameras: tuple[Path, ...], points: Path, **options: Any) -> int:
     """Triangulate points that two or more cameras see.
 
-    CAMERAS is a file of DLT coefficients (11 rows, a column a camera), a rig, or several reports of one view.
-    POINTS2D is a table camera,point,u,v[,sigma]; cameras by name, or counted from 1.
+    CAMERAS is a file of DLT coefficients (11 rows, a column for each camera), a rig, or several reports of one
+    view. POINTS2D is a table camera,point,u,v[,sigma]; cameras by name, or numbered from 1.
     """
     from camcal.cli.job import GATE_FAILED, command_line, output_is_free
     from camcal.cli.output import emit

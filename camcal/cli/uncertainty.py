@@ -22,12 +22,12 @@ def command(
     max_px: float | None,
     format: str,
 ) -> int:
-    """Compute how far noise in the observations moves projections, in px.
+    """Compute the uncertainty of projections due to noise in the observations, in px.
 
-    The standard deviation is that of the worst direction, of a point that is fixed to the boards (mrcal's
-    projection uncertainty). Without --at: the image's centre and its worst place, and the median over it. Of a rig:
-    the same for each camera, and for each two of them the baseline, how far points lie from their epipolar lines, and
-    points that are found from both pictures.
+    It is the standard deviation, in the worst direction, of the projection of a point that is fixed to the
+    boards (mrcal's projection uncertainty). Without --at: at the image centre and the worst pixel, and the
+    median over the image. For a rig: the same for each camera, and for each pair the baseline, the distances of
+    points from their epipolar lines, and the uncertainty of triangulated points.
     """
     from camcal.cli.output import emit
     from camcal.plan.solution import Solution

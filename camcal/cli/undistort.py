@@ -23,9 +23,9 @@ def command(ctx: click.Context, images: tuple[str, ...], **options: Any) -> int:
     """Remove the distortion from pictures.
 
     IMAGES are files, folders, quoted patterns, films (each frame becomes a picture such as movie_000123.png) or
-    frames of films (movie.mp4#123). The new pictures keep their names; camera.yaml beside them is the camera
-    that would have taken them, with the largest rectangle without black (`undistortion: crop`). Unreadable
-    pictures are named and left out (exit code 1). With --maps, no pictures are needed.
+    frames of films (movie.mp4#123). The new pictures keep their names; camera.yaml in the same folder is the
+    camera of the new pictures, with the largest rectangle without black (`undistortion: crop`). Unreadable
+    pictures are reported and skipped (exit code 1). With --maps, no pictures are needed.
     """
     from camcal.cli.job import command_line
     from camcal.data.formats.files import check_size

@@ -19,10 +19,10 @@ from camcal.cli.verbosity import verbosity_options
 def command(ctx: click.Context, tracks: Path, **options: Any) -> int:
     """Calibrate several cameras from a bar of known length that is moved through the volume they see.
 
-    TRACKS is a table camera,view,point,u,v (the same view is the same instant, the points are the markers of the
-    bar), or the digitised points of DLTdv, Argus and easyWand (pt1_cam1_X, ...). Cameras given by --cameras are
-    held; of the others focal length, lens and, where they are determined, principal point are estimated. The
-    report holds a rig, for `camcal triangulate` and `camcal convert --to dlt`.
+    TRACKS is a table camera,view,point,u,v (the same view is the same instant, the points are the markers of
+    the bar), or the digitised points of DLTdv, Argus and easyWand (pt1_cam1_X, ...). Cameras given by --cameras
+    are held; for the others the focal length, the lens and, if determined, the principal point are estimated.
+    The report contains a rig, for `camcal triangulate` and `camcal convert --to dlt`.
     """
     from camcal.cli.job import command_line, output_is_free
     from camcal.cli.results import deliver_route

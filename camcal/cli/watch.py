@@ -34,10 +34,11 @@ LOOK = 0.1
 def command(ctx: click.Context, folder: Path, **options: Any) -> int:
     """Calibrate while pictures arrive in a folder, and say where to hold the target next.
 
-    Each picture is searched as it arrives; the report is renewed with it. With --target-px the command ends when the
-    worst uncertainty over the picture, at the boards' distance, is at most PX; without, when it is interrupted.
-    With --once it calibrates as `camcal checkerboard` does from what is there, and ends. Of a film, or of a
-    camera such as /dev/video0, still frames that differ are kept as pictures in a folder beside the report.
+    Each picture is searched as it arrives, and the report is updated. With --target-px the command ends when
+    the worst uncertainty over the picture, at the boards' distance, is at most PX; otherwise when it is
+    interrupted. With --once it calibrates from the existing pictures, as `camcal checkerboard` does, and ends.
+    From a film, or a camera such as /dev/video0, still frames that differ are saved as pictures in a folder
+    next to the report.
     """
     from camcal.cli.job import output_is_free
 

@@ -175,7 +175,7 @@ def test_a_knock_is_found_named_and_measured(track, names):
     [
         (("z.csv",), 3, "no camera 'z'"),
         (("few.csv",), 3, "share 20 points"),
-        (("twice.csv",), 3, "has a point twice"),
+        (("twice.csv",), 3, "lists a point twice"),
         (("few.csv", "--square", "30mm"), 2, "--square has no effect with --natural"),
         (("a=here",), 2, "a rig has two or more cameras"),
         (("a=here", "z=there"), 3, "no camera 'z'"),
