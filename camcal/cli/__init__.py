@@ -36,7 +36,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "uncertainty": (
         "camcal.cli.uncertainty:command",
-        "Compute how far noise moves the projections of a camera.",
+        "Compute the uncertainty of projections due to noise.",
     ),
     "compare": ("camcal.cli.compare:command", "Compare two cameras by what they project, with tolerances."),
     "select": ("camcal.cli.select:command", "Find the lens model that suits the data."),

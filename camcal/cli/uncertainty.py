@@ -1,4 +1,4 @@
-"""`camcal uncertainty`: how far noise moves the projections of a calibrated camera."""
+"""`camcal uncertainty`: the uncertainty of the projections of a calibrated camera."""
 
 from __future__ import annotations
 

@@ -254,7 +254,7 @@ def test_places_that_cannot_hold_reports(monkeypatch):
     monkeypatch.setattr("fsspec.core.url_to_fs", incomplete)
     with pytest.raises(UsageError, match="Install s3fs") as caught:
         storage.Storage("s3://bucket/x")
-    assert "beside camcal" in caught.value.hint
+    assert "along with camcal" in caught.value.hint
 
 
 def test_what_workers_begin_with_can_be_imported():
