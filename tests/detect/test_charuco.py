@@ -46,7 +46,7 @@ def test_every_dictionary_is_known_by_name():
     [
         ("charuco:9x7:20mm:40mm:4X4_100", "a marker of 40 does not fit in a square of 20"),
         ("charuco:9x7:40mm:20mm:4X4_9", "unknown marker dictionary '4X4_9'"),
-        ("charuco:30x30:40mm:20mm:4X4_100", "needs markers up to 449; 4X4_100 holds 100"),
+        ("charuco:30x30:40mm:20mm:4X4_100", "needs marker ids up to 449; 4X4_100 holds 100"),
         ("charuco:9x7:40mm:20in:4X4_100", "the square is in mm and the marker in in"),
     ],
 )

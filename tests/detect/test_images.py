@@ -140,7 +140,7 @@ def png_of(width, height):
         (b"hello, this is no picture", "not a picture"),
         (png_of(100_000, 100_000), "more than"),
         (png_of(2**31 - 1, 2**31 - 1), "more than"),
-        (b"\xff\xd8\xff\xe0", "cut off"),
+        (b"\xff\xd8\xff\xe0", "truncated"),
         (b"P5 99999 99999 255\n", "more than"),
     ],
 )
@@ -150,7 +150,7 @@ def test_unreadable_files_have_a_reason(data, word):
 
 
 def test_truncated_files_are_not_filled_with_grey(encoded):
-    for name, word in (("gray.jpg", "cut off"), ("colour.jpg", "cut off"), ("gray.png", "cut off")):
+    for name, word in (("gray.jpg", "truncated"), ("colour.jpg", "truncated"), ("gray.png", "truncated")):
         with pytest.raises(UnreadableError, match=word):
             decode_gray(encoded[name][: len(encoded[name]) * 2 // 3])
 

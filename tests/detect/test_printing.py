@@ -147,7 +147,7 @@ def test_pages():
     assert (corners > 0).all() and (corners < [297, 210]).all()
     for spec, page, said in (
         ("checkerboard:9x6:40mm", "A4", "needs 441 x 324 mm"),
-        ("checkerboard:9x6", "own", "has no length"),
+        ("checkerboard:9x6", "own", "has no unit of length"),
         ("checkerboard:9x6:20mm", "A11", "unknown page 'A11'"),
     ):
         with pytest.raises(UsageError, match=said) as error:

@@ -56,7 +56,7 @@ def test_two_cameras_have_pictures_of_their_own(shared, refused):
 
     parts = {"left": part(0), "right": part(4 - shared)}
     if refused:
-        with pytest.raises(DataError, match=r"'left' and 'right' have the same pictures"):
+        with pytest.raises(DataError, match=r"'left' and 'right' were given the same pictures"):
             _check_own_pictures(parts)
     else:
         _check_own_pictures(parts)
