@@ -153,7 +153,7 @@ def test_pages():
         with pytest.raises(UsageError, match=said) as error:
             sheet_of(spec, page)
         assert error.value.hint
-    with pytest.raises(UsageError, match="7705 megapixels; 200 are drawn at most"):
+    with pytest.raises(UsageError, match="7705 megapixels; at most 200 can be drawn"):
         png.write(sheet_of("checkerboard:9x6:10cm"), 2400)
 
 
