@@ -147,7 +147,11 @@ def test_natural_finds_a_camera_that_was_knocked(camcal, rig):
         (["left=left.png"], 2, "NAME=PICTURES each"),
         (["left=left.png", "top=right.png"], 3, "has no camera 'top'"),
         (["left=left.png", "right=absent.png"], 3, "no file or folder 'absent.png'"),
-        (["left=left.png", "right=small.png"], 3, "the picture is 32x24, the camera was calibrated for 320x240"),
+        (
+            ["left=left.png", "right=small.png"],
+            3,
+            "the picture is 32x24, the camera was calibrated for 320x240",
+        ),
     ],
 )
 def test_what_is_refused(camcal, rig, words, code, said):

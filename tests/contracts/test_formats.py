@@ -151,7 +151,7 @@ def test_the_size_is_asked_for():
     cameras = CameraFile.one(Camera(lens, lens.pinhole(500, 500, 300, 200)))
     for form in WRITERS:
         if form.size:
-            with pytest.raises(UsageError, match="size of the image") as error:
+            with pytest.raises(UsageError, match="image size") as error:
                 files.rendered(form, cameras, Path("x.yaml"))
             assert "--image-size" in error.value.hint
 
