@@ -21,22 +21,17 @@ over the normal matrix that has the v_i in it; with v = 1 this is (4).
 
 from __future__ import annotations
 
-from typing import Any
-from weakref import WeakKeyDictionary
-
 import numpy as np
 
 from camcal.geometry.numbers import percentiles
 from camcal.records import dataclass
-from camcal.solve.calibration import Estimate, NormalBlocks
+from camcal.solve.calibration import Estimate
 from camcal.solve.losses import LOSSES, robust_sigma
 
 Array = np.ndarray
 
 #: relative step of the central difference in (5); a loss has kinks, so that more digits are useless
 _STEP = 1e-5
-#: sigma_0 of a fit, with what it was made from
-_known: WeakKeyDictionary[NormalBlocks, tuple[tuple[Any, ...], float]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -88,24 +83,7 @@ def sigma_hat(solution: Estimate) -> float:
 
 
 def sigma_0(solution: Estimate) -> float:
-    """Equation (4), or (5) after a robust loss; NaN where the redundancy is not positive. Computed once per fit."""
-    data = solution.observations
-    rests_on = (
-        solution.residuals,
-        data.used,
-        data.weight,
-        data.sigma,
-        solution.free,
-        solution.poses,
-        solution.fit,
-    )
-    known = _known.get(solution.normal)
-    if known is None or any(a is not b for a, b in zip(known[0], rests_on, strict=True)):
-        known = _known[solution.normal] = rests_on, _sigma_0(solution)
-    return known[1]
-
-
-def _sigma_0(solution: Estimate) -> float:
+    """Equation (4), or (5) after a robust loss; NaN where the redundancy is not positive."""
     lengths = standard_lengths(solution)
     if solution.observations.weight is None:
         return _per_redundancy(solution, float(lengths @ lengths))

@@ -8,6 +8,8 @@ import math
 UNIFORM = 1 / math.sqrt(12)
 #: median of |x| of the normal distribution, in σ: the 75 % quantile
 NORMAL_MEDIAN = 0.6744897501960817
+#: σ within which 95 % of the normal distribution lie: the 97.5 % quantile
+NORMAL_95 = 1.959963984540054
 #: σ over the median absolute deviation (P. Rousseeuw & C. Croux, Alternatives to the median absolute deviation, 1993)
 MAD = 1 / NORMAL_MEDIAN
 #: where the weights of Tukey's biweight reach 0: 95 % efficiency on normal noise (A. Beaton & J. Tukey, The fitting of

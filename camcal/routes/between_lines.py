@@ -9,13 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from camcal.least_squares.distributions import f_bound
+from camcal.least_squares.scales import NORMAL_95
 from camcal.model.pose import Array
 from camcal.routes.line_geometry import Lines, slopes, tangents
 
 #: 1 - leverage of a line below which it alone determines a direction, and no other line can contradict it
 ALONE = 1e-9
-#: of the normal distribution, 95 %
-NORMAL = 1.96
 
 
 def with_scatter(
@@ -46,7 +45,7 @@ def with_scatter(
     own = root[:, None] * np.einsum("nik,ni->nk", tangents(n), at[0])
     residual = root * (n * at[0]).sum(1)
     changes = changes_without(lines, moves, own, residual)
-    wider = f_bound(0.05, 1, count - 1) / NORMAL**2
+    wider = f_bound(0.05, 1, count - 1) / NORMAL_95**2
     spread, directions = np.linalg.eigh(wider * changes.T @ changes)
     out = basis @ directions
     return np.asarray((out * np.maximum(spread, variance)) @ out.T)

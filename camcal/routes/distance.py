@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from camcal.least_squares.distributions import f_bound
+from camcal.least_squares.scales import NORMAL_95
 from camcal.model.pose import Array
 
 #: Half of a 95 % interval relative to the distance above which it is unreliable. In simulated poses of far, nearly
@@ -30,5 +31,5 @@ def half_width(point: Array, covariance: Array, freedom: float) -> Array:
     far = np.linalg.norm(point, axis=-1)
     along = point / far[..., None]
     sigma = np.sqrt(np.maximum(np.einsum("...i,...ij,...j->...", along, covariance, along), 0))
-    quantile = np.sqrt(f_bound(0.05, 1, freedom)) if np.isfinite(freedom) else 1.96
+    quantile = np.sqrt(f_bound(0.05, 1, freedom)) if np.isfinite(freedom) else NORMAL_95
     return np.asarray(quantile * sigma / far)

@@ -8,6 +8,7 @@ import numpy as np
 
 from camcal.errors import CamcalError
 from camcal.geometry.numbers import distinct
+from camcal.least_squares.scales import NORMAL_95
 from camcal.model.lenses import make
 from camcal.model.pose import Array
 from camcal.routes.line_geometry import Lines
@@ -20,7 +21,7 @@ LEAST_POINTS = 5
 #: chance one of 370 pictures. A bend of 0.3 px at the ends of 60 lines of 100 px has 3.5
 BENT = 3.0
 #: standard deviations by which the focal length then has to change: the 95 % interval does not hold it
-OFF = 1.96
+OFF = NORMAL_95
 #: the lens with one term of distortion
 WITH_DISTORTION = "division:1"
 

@@ -25,8 +25,6 @@ REACH = 0.2
 #: 1 - leverage of a line below which its residuals say nothing: it alone determines what it is asked for, and rounding
 #: decides. A residual of 1 px is then taken for an error of 10.
 LEAST_LEFT = 0.01
-#: updates of the denominators in an intermediate fit, and in the final one
-RENEWALS, LAST = 1, 3
 #: steps of a fit: fewer than ten are needed from a plausible start if the lines determine anything
 STEPS = 25
 
@@ -94,7 +92,6 @@ def fit_scene(
     fix: Mapping[str, float | None],
     start: Camera,
     square: Array = SQUARE,
-    renewals: int = RENEWALS,
 ) -> Scene | None:
     """Camera, rotation and line angles from a start; None if a line leaves the domain of the lens.
 
@@ -104,18 +101,14 @@ def fit_scene(
     own = lines.take(chosen)
     axes = vote.family[chosen]
     free = free_matrix(camera.lens, camera.params, dict(fix))
-    fitted: Fitted[_State] | None = None
+    at = line_rays(camera, own.uv)
+    if at is None:
+        return None
     state = _State(camera.params, rotation, np.zeros(len(own)), square)
-    for _ in range(renewals):  # of the denominators, as in `lines`
-        at = line_rays(Camera(camera.lens, state.params), own.uv)
-        if at is None:
-            return None
-        state = replace(state, angles=_angles(at[0], own, state, axes))
-        fitted = _round(own, camera.lens, free, axes, state, vote.roots[chosen][own.line])
-        if fitted is None:
-            return None
-        state = fitted.state
-    assert fitted is not None
+    state = replace(state, angles=_angles(at[0], own, state, axes))
+    fitted = _round(own, camera.lens, free, axes, state, vote.roots[chosen][own.line])
+    if fitted is None:
+        return None
     return _scene(own, vote.roots[chosen][own.line], vote, camera, free, fitted, axes, start)
 
 

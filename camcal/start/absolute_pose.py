@@ -24,8 +24,6 @@ Array = np.ndarray
 STEPS = 40
 #: rad; minima closer together than this count as one: the refinement in px leads to the same pose from both
 SAME = 1e-3
-#: eigenvectors of Ω that are tried: its null space has up to 3 dimensions for planes, up to 6 for few points
-EIGENVECTORS = 6
 #: a minimum with more than this fraction of the points behind the camera is not a pose
 BEHIND = 0.5
 #: a search ends if the predicted decrease is below this fraction of the error: the refinement in px follows
@@ -80,7 +78,7 @@ def _starts(omega: Array) -> Array:
     """Rotations (H, 3, 3) nearest to the eigenvectors of Ω and of its part for points with z = 0, and those of the
     cube.
     """
-    vectors = np.linalg.eigh(omega)[1][:, :EIGENVECTORS].T.reshape(-1, 3, 3)
+    vectors = np.linalg.eigh(omega)[1].T.reshape(-1, 3, 3)
     flat = np.linalg.eigh(omega.reshape(3, 3, 3, 3)[:, :2, :, :2].reshape(6, 6))[1][:, :3].T.reshape(-1, 3, 2)
     full = np.concatenate([flat, np.cross(flat[..., 0], flat[..., 1])[..., None]], -1)
     return np.concatenate(

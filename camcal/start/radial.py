@@ -23,6 +23,7 @@ import numpy as np
 from camcal.data.observations import Correspondences
 from camcal.errors import DataError, EstimationError
 from camcal.geometry import rotations
+from camcal.geometry.numbers import TINY
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.model.pose import Poses
@@ -41,8 +42,6 @@ CENTRE_SPREAD = 0.05
 #: a focal length with a larger relative uncertainty is undetermined; real boards give .001 to .005,
 #: boards that face the camera squarely, whose tilt is then noise, .08 and more
 UNCERTAIN = 0.05
-#: product of the lengths of a point and of its ray below which the angle between the two is meaningless
-LEAST_LENGTHS = 1e-12
 #: rounds of solving alternately for f and the depths: limit, and number of those after the first that update the
 #: weights
 ROUNDS, LEAST_ROUNDS = 20, 3
@@ -178,7 +177,7 @@ def _alignments(products: Array, counts: Array, offset: Array) -> tuple[Array, A
     values, vectors = np.linalg.eigh(shift.T @ products @ shift)
     rows = vectors[:, :, 0].reshape(-1, 2, m)
     size = np.einsum("vij,vjk,vik->v", rows, products[:, 2 * m :, 2 * m :], rows)
-    return np.maximum(values[:, 0], 0.0) * counts / np.maximum(size, 1e-300), rows
+    return np.maximum(values[:, 0], 0.0) * counts / np.maximum(size, TINY), rows
 
 
 def _groups(views: Sequence[_View]) -> list[tuple[Array, Array]]:
@@ -308,14 +307,16 @@ def _system(
     r = np.hypot(xyz[:, 0] + shift[0], xyz[:, 1] + shift[1])
     rho = np.hypot(*(view.uv - offset).T)
     if coefficients is None:
-        weight = np.full(len(r), 1 / max(r.mean(), 1e-300))
+        weight = np.full(len(r), 1 / max(r.mean(), TINY))
     else:
         f = rho[:, None] ** np.array(exponents) @ coefficients
-        weight = 1 / np.maximum(np.hypot(r, xyz[:, 2] + t3) * np.hypot(rho, f), LEAST_LENGTHS)
+        lengths = np.hypot(r, xyz[:, 2] + t3) * np.hypot(rho, f)
+        # a point in the camera's centre has no direction, and no part in the equations
+        weight = np.divide(1.0, lengths, out=np.zeros(len(r)), where=lengths > 0)
     weight = weight * view.roots
     b = (weight * r)[:, None] * rho[:, None] ** np.array(exponents)
     q, w = weight * rho, weight * rho * xyz[:, 2]
-    q2 = max(float(q @ q), 1e-300)
+    q2 = max(float(q @ q), TINY)
     d, e = q @ b / q2, float(q @ w) / q2
     return b - np.outer(q, d), w - q * e, d, e
 
@@ -339,7 +340,7 @@ def _uncertainty(
     variance = rest / max(count, 1) * np.linalg.pinv(normal, hermitian=True)[0, 0]
     if not variance >= 0:  # the equations contain only rounding errors
         return float("inf")
-    return float(np.sqrt(variance) / max(abs(coefficients[0]), 1e-300))
+    return float(np.sqrt(variance) / max(abs(coefficients[0]), TINY))
 
 
 def _monotone(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -22,21 +21,10 @@ FLAT = 1e-6
 
 LEAST_PLANAR, LEAST_3D = 4, 6  # points that a homography and a projection matrix need
 
-#: what `unusable` found, by observations and `least_3d`: every closed form asks
-_unusable: WeakKeyDictionary[Observations, dict[int, dict[int, str]]] = WeakKeyDictionary()
-
-
 def unusable(correspondences: Observations, least_3d: int = LEAST_3D) -> dict[int, str]:
     """The views that no closed form can use, by index, each with what was found and what is needed."""
-    known = _unusable.setdefault(correspondences, {})
-    if least_3d not in known:
-        known[least_3d] = _found_unusable(correspondences, least_3d)
-    return known[least_3d]
-
-
-def _found_unusable(correspondences: Observations, least_3d: int) -> dict[int, str]:
     form = correspondences.shapes
-    counts = np.array([len(v) for v in correspondences.views])
+    counts = correspondences.blocks.counts
     few = counts < LEAST_PLANAR
     line = form.spreads[:, 1] <= COLLINEAR * form.spreads[:, 0]
     few_3d = ~form.planar & (counts < least_3d)
@@ -120,10 +108,6 @@ def behind_camera(view: str, behind: int, count: int) -> EstimationError:
     )
 
 
-#: cached choices by observations, because each attempt of a plan needs them
-_chosen: WeakKeyDictionary[Observations, tuple[list[str], str]] = WeakKeyDictionary()
-
-
 def choose(correspondences: Observations) -> tuple[list[str], str]:
     """The closed forms that suit the data, the best last, and the reason.
 
@@ -138,12 +122,7 @@ def choose(correspondences: Observations) -> tuple[list[str], str]:
     DataError
         If a view cannot be used at all (see `unusable`).
     """
-    if correspondences not in _chosen:
-        _chosen[correspondences] = _choice(check(correspondences), correspondences.point_count)
-    return _chosen[correspondences]
-
-
-def _choice(form: Shapes, points: int) -> tuple[list[str], str]:
+    form, points = check(correspondences), correspondences.point_count
     ratio = form.spreads[:, 2] / form.spreads[:, 0]
     count = len(ratio)
     if count == 1 and not form.planar[0]:

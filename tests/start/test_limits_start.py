@@ -39,6 +39,17 @@ def test_minima_that_are_one(share, count):
     assert len(absolute_pose._distinct(r, np.arange(2))) == count
 
 
+def test_rotations_from_which_minima_are_searched(monkeypatch):
+    """Of four points, poses that are reached from no rotation of the cube are from those near the eigenvectors."""
+    rng = np.random.default_rng(12)
+    xyz = rng.normal(size=(4, 3))
+    rays = xyz @ rotations.exp(rng.normal(size=3) * 2).T + (0, 0, 3.0)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    assert len(absolute_pose.candidates(xyz, rays)) == 9
+    monkeypatch.setattr(absolute_pose, "_starts", lambda _: absolute_pose._CUBE)
+    assert len(absolute_pose.candidates(xyz, rays)) == 4
+
+
 def test_points_behind_the_camera_of_a_pose():
     """The rays of so many of twenty points point the other way."""
     xyz = scenes.rig(20)
@@ -297,6 +308,18 @@ def test_points_of_the_radial_constraint(points, least):
         else:
             with pytest.raises(DataError, match=f"needs {least}"):
                 radial.prepared(data, data.shapes, np.zeros(2), 1.0)
+
+
+@pytest.mark.parametrize(("depth", "counts"), [(0.0, False), (1e-12, True)])
+def test_a_point_in_the_centre_of_the_camera(depth, counts):
+    """It has no direction, and no part in the equations; one that is next to it has one."""
+    points = np.array([[0.0, 0, depth], [0.1, 0.2, 0.5], [-0.1, 0.3, 0.6]])
+    view = SimpleNamespace(points=points, uv=np.array([[30.0, 40], [100, 200], [-80, 90]]), roots=np.ones(3))
+    rows, right, *_ = radial._system(
+        view, (np.eye(3)[:, :3], np.zeros(2)), np.zeros(2), (0, 2), np.array([800.0, 0]), 0.0
+    )
+    assert np.isfinite(rows).all() and rows[1:].any(1).all()
+    assert bool(rows[0].any() or right[0]) == counts
 
 
 @pytest.mark.parametrize(("share", "certain"), [(LESS, True), (MORE, False)])
