@@ -42,6 +42,9 @@ CENTRE_SPREAD = 0.05
 #: a focal length with a larger relative uncertainty is undetermined; real boards give .001 to .005,
 #: boards that face the camera squarely, whose tilt is then noise, .08 and more
 UNCERTAIN = 0.05
+#: of the largest product of the lengths of a point and of its ray: below it the angle between the two is rounding, as
+#: of a point in the camera's centre, and the point has no part in the equations
+LEAST_LENGTH = 1e-12
 #: rounds of solving alternately for f and the depths: limit, and number of those after the first that update the
 #: weights
 ROUNDS, LEAST_ROUNDS = 20, 3
@@ -311,8 +314,8 @@ def _system(
     else:
         f = rho[:, None] ** np.array(exponents) @ coefficients
         lengths = np.hypot(r, xyz[:, 2] + t3) * np.hypot(rho, f)
-        # a point in the camera's centre has no direction, and no part in the equations
-        weight = np.divide(1.0, lengths, out=np.zeros(len(r)), where=lengths > 0)
+        known = lengths > LEAST_LENGTH * lengths.max()
+        weight = np.divide(1.0, lengths, out=np.zeros(len(r)), where=known)
     weight = weight * view.roots
     b = (weight * r)[:, None] * rho[:, None] ** np.array(exponents)
     q, w = weight * rho, weight * rho * xyz[:, 2]

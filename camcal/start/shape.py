@@ -21,6 +21,7 @@ FLAT = 1e-6
 
 LEAST_PLANAR, LEAST_3D = 4, 6  # points that a homography and a projection matrix need
 
+
 def unusable(correspondences: Observations, least_3d: int = LEAST_3D) -> dict[int, str]:
     """The views that no closed form can use, by index, each with what was found and what is needed."""
     form = correspondences.shapes

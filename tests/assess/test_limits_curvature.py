@@ -52,15 +52,23 @@ def test_parameters_that_change_with_an_endless_direction(good, monkeypatch):
     assert curvature.beyond_linear(good, known).undetermined == good.camera.lens.names[:1]
 
 
-def followed(monkeypatch, growth, domain=np.inf):
-    """Where a valley is followed to along one parameter, whose root of the growth is a function of the way."""
+def followed(monkeypatch, growth, domain=np.inf, wanted=1.0, asked=None):
+    """Where a valley is followed to along one parameter, whose root of the growth is a function of the way.
+
+    `asked` collects the criteria at which the steps of the profile end.
+    """
     looked = []
 
     def problem(*_):
         return SimpleNamespace(linearise=lambda at: None if looked.append(at) or at > domain else 1)
 
     def optimizer(_):
-        return lambda held, at, _: SimpleNamespace(state=at, blocks=SimpleNamespace(cost=1 + growth(at) ** 2))
+        def run(held, at, stopping):
+            if asked is not None:
+                asked.append(stopping)
+            return SimpleNamespace(state=at, blocks=SimpleNamespace(cost=1 + wanted * growth(at) ** 2))
+
+        return run
 
     monkeypatch.setattr(curvature, "Problem", problem)
     monkeypatch.setattr(curvature.optimizers, "make", optimizer)
@@ -70,7 +78,7 @@ def followed(monkeypatch, growth, domain=np.inf):
     valley = SimpleNamespace(
         begin=SimpleNamespace(cost=1.0),
         design=design,
-        wanted=1.0,
+        wanted=wanted,
         _moved=lambda step, state: state + step[0],
     )
     state, grown = curvature._Valley._followed(valley, np.ones(1))
@@ -83,6 +91,14 @@ def test_steps_along_a_valley(monkeypatch):
     assert (state, grown) == (first, pytest.approx(LESS * over))
     state, grown, looked = followed(monkeypatch, lambda at: MORE * over * at / first)
     assert state < first and 1 <= grown < over and looked[:2] == [first, first / 2]
+
+
+def test_steps_of_a_profile(monkeypatch):
+    """They end where a hundredth of the wanted growth is left to gain, a part of the cost of 1, or after thirty."""
+    asked = []
+    followed(monkeypatch, lambda _: 1.2, wanted=0.2, asked=asked)
+    (stopping,) = asked
+    assert stopping.tolerance == pytest.approx(0.002) and stopping.max_iterations == 30
 
 
 def test_where_a_valley_without_an_end_is_given_up(monkeypatch):

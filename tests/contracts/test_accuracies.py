@@ -12,6 +12,7 @@ import pytest
 
 from camcal.assess import candidate_views
 from camcal.assess.causes import effect
+from camcal.assess.covariance import covariance
 from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
@@ -48,6 +49,15 @@ def left_of_a_turn():
     pixels = camera.project(rays @ rotations.exp(np.array([0.1, -0.08, 0.1])).T)
     warp = SimpleNamespace(field=lambda uv: (np.zeros((0, 2, uv.shape[1])), None))
     return effect._left(camera, warp, np.zeros(0), rays, pixels)
+
+
+def scatter_by_noise():
+    """The mean square, px², by a covariance of a calibration of six views."""
+    good = solved(views=6)
+    rays = np.c_[np.random.default_rng(0).uniform(-0.5, 0.5, (30, 2)), np.ones(30)]
+    warp = SimpleNamespace(field=lambda uv: (np.zeros((0, 2, uv.shape[1])), None), fields=())
+    trial = SimpleNamespace(camera=good.camera, warp=warp, covariance=covariance(good).free)
+    return np.array([effect._by_noise(good, trial, rays, None)])
 
 
 def placed_targets():
@@ -104,6 +114,10 @@ ACCURACIES = {
     "start.radial.CENTRE_SPREAD": (1e-4, 0.07, 1.5, radial_focal),
     "solve.poses._TOLERANCE": (1e-2, 1e-16, 1e-3, poses_of_views),
     "assess.causes.effect._STEPS": (1, 10, 1e-9, left_of_a_turn),
+    "assess.causes.effect._STILL": (1e-2, 1e-15, 1e-9, left_of_a_turn),
+    "assess.causes.effect._SMALL": (30.0, 1e-4, 1e-2, scatter_by_noise),
+    "routes.dual_quadric.SETTLED": (0.1, 1e-13, 1e-6, work.quadric),
+    "routes.lifted.SETTLED": (0.1, 1e-10, 1e-4, work.rays_of_lens),
     "assess.candidate_views._FITS": (6, 50, 1e-3, placed_targets),
     "routes.natural.TURN_STEPS": (1, 16, 1e-6, turn_of_a_pair),
     "routes.lines.ROUNDS": (1, 24, 1e-5, straight_lines),

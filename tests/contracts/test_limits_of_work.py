@@ -5,13 +5,17 @@ which is a part of what noise does to it, and that of too few rounds is not.
 """
 
 import importlib
+from dataclasses import replace
 from functools import cache
 
 import cv2
 import numpy as np
 import pytest
 
-from camcal.assess import difference
+from camcal.assess import curvature, difference
+from camcal.assess.checks import fit as fit_check
+from camcal.assess.checks.facts import Facts
+from camcal.assess.covariance import covariance
 from camcal.data.formats import foreign, lensfun
 from camcal.data.observations import Correspondences, View
 from camcal.detect import disc_fit, saddle, segment_fit, shading
@@ -21,14 +25,20 @@ from camcal.errors import EstimationError
 from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
-from camcal.model.lenses import direct
+from camcal.model.lenses import direct, rational
 from camcal.model.lenses.regress import regress
-from camcal.routes import dual_quadric, epipolar, lifted, scene_vote
-from camcal.solve import condition, noise, outliers, ransac
+from camcal.plan import outlying
+from camcal.routes import dual_quadric, epipolar, lifted, projective_views, reconstruct, scene_fit, scene_vote
+from camcal.solve import condition, noise, outliers, ransac, robust
+from camcal.solve.losses import LOSSES
+from camcal.solve.refine import How, refine
 from camcal.solve.square_root import SquareRoot
 from camcal.start import absolute_pose, claus, dlt_distorted, fitzgibbon, mdlt
-from tests.routes.test_selfcalib import bent_tracks, walk
+from tests.assess.test_curvature import needless
+from tests.routes import test_scene
+from tests.routes.test_selfcalib import bent_tracks, tracks_of, walk
 from tests.solve.problems import problem_of
+from tests.solved import solved
 from tests.start import scenes
 
 
@@ -237,6 +247,91 @@ def rendered_disc():
     return disc_fit.fit_discs(gray.astype(np.float32), Discs(np.array([[41.0, 39.0]]), shape)).discs.centre
 
 
+@cache
+def projective_pairs():
+    tracks = tracks_of(walk(4), 0.5)
+    return reconstruct.pairs(tracks, 4), tracks
+
+
+def focal_length_of_projective_views():
+    pairs, tracks = projective_pairs()
+    return dual_quadric.constant(projective_views.of_pairs(pairs, tracks, np.array([500.0, 400]), 1000.0))
+
+
+def scene():
+    """From a tenth of the focal length and two degrees off."""
+    lines, size = test_scene.room(test_scene.CORNER), test_scene.SIZE
+    start = Camera(test_scene.PINHOLE.lens, np.array([700.0, 700, 319.5, 239.5]), size)
+    rotation = rotations.exp(np.array([0.02, -0.03, 0.02])) @ test_scene.CORNER
+    vote = scene_vote.families(scene_vote.seen_lines(lines, False), start, rotation, 4.0)
+    return scene_fit.fit_scene(lines, start, rotation, vote, {"aspect": None}, start).camera.params
+
+
+def curve_of_a_fisheye():
+    """Radii, in focal lengths, of rays up to 75 degrees."""
+    r = np.tan(np.radians(np.linspace(1, 75, 60)))
+    k, m = rational.fit_rational(r, 2 * np.sin(np.arctan(r) / 2), 3, 3)
+    powers = np.square(r)[:, None] ** (1, 2, 3)
+    return r * (1 + powers @ k) / (1 + powers @ m)
+
+
+def up_to_a_fold():
+    """Of a polynomial with r (1 - .3 r²), r the radius of the pixel; -1000 px beyond."""
+    lens = lenses.make("polynomial:3")
+    params = lens.from_values(
+        {
+            "fx": 800.0,
+            "fy": 800.0,
+            "cx": 640.0,
+            "cy": 480.0,
+            "a30": -0.3,
+            "a12": -0.3,
+            "b03": -0.3,
+            "b21": -0.3,
+        }
+    )
+    radius = 0.9**-0.5 * (1 - 0.3 / 0.9) - np.logspace(-9, -1, 400)
+    rays = np.c_[radius, np.zeros(400), np.ones(400)]
+    return np.nan_to_num(Camera(lens, params, (1280, 960)).project(rays), nan=-1000.0)
+
+
+@cache
+def with_wrong_points(part, most, views, model):
+    """A calibration of points of which such a part is off by up to so many px; which these are."""
+    good = solved(model, views=views)
+    count, rng = len(good.observations.uv), np.random.default_rng(0)
+    wrong = np.isin(np.arange(count), rng.choice(count, int(part * count), replace=False))
+    uv = good.observations.uv.copy()
+    uv[wrong] += rng.uniform(-most, most, (wrong.sum(), 2))
+    return refine(good.camera, good.poses, replace(good.observations, uv=uv), How()), wrong
+
+
+def moved_by_wrong_points():
+    """The change of the projection without them, px."""
+    bad, wrong = with_wrong_points(0.08, 40.0, 4, "opencv5")
+    return np.array([fit_check.moved_without(Facts(bad), wrong)[0]])
+
+
+def reweighted():
+    """The focal length in its standard deviations, of 1.5 px."""
+    bad, _ = with_wrong_points(0.15, 8.0, 5, "opencv4")
+    made = robust.reweight(bad, How(), LOSSES[outlying.LOSS], rounds=outlying.LOSS_ROUNDS)
+    return made.camera.params[:1] / 1.5
+
+
+@cache
+def of_a_needless_model():
+    found = needless()
+    return found, covariance(found)
+
+
+def model_inside():
+    """Its parameters, in standard deviations of the larger model."""
+    found, linear = of_a_needless_model()
+    end, _ = curvature._inside(found, linear)
+    return (end.params - found.camera.params) / np.sqrt(np.diag(linear.matrix))
+
+
 LIMITS = {
     "routes.epipolar.WEIGHTINGS": (0, 1e-5, fundamental),
     "routes.epipolar.ROUNDS": (1, 0.5, agreeing_matches),
@@ -258,6 +353,13 @@ LIMITS = {
     "solve.ransac._REFITS": (1, 0.0, agreement),
     "solve.outliers._ROUNDS": (1, 1e-9, scale_of_view),
     "solve.condition._STEPS": (2, 1e-2, condition_number),
+    "routes.projective_views.ROUNDS": (4, 1e-5, focal_length_of_projective_views),
+    "routes.scene_fit.STEPS": (5, 1e-3, scene),
+    "model.lenses.rational.TURNS": (3, 2e-8, curve_of_a_fisheye),
+    "model.lenses.inverse.ITERATIONS": (5, 1e-9, up_to_a_fold),
+    "assess.checks.fit.STEPS": (3, 1e-2, moved_by_wrong_points),
+    "assess.curvature.INSIDE_ITERATIONS": (2, 1e-3, model_inside),
+    "plan.outlying.LOSS_ROUNDS": (3, 1e-2, reweighted),
     "detect.segment_fit.WEIGHTINGS": (1, 1e-3, line_through_points),
     "detect.segment_fit.ROUNDS": (1, 1e-3, segment),
     "detect.shading.ROUNDS": (1, 1.0, surface),
