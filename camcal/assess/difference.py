@@ -34,8 +34,9 @@ _TOLERANCE, _STEPS = 1e-10, 30
 OUTSIDE = 1e3
 #: Columns of the grid over the image.
 COLUMNS = 40
-#: px; a picture one pixel wide has this width between its pixel centres
-LEAST_SIDE = 1e-9
+#: px; least side for which cells are square: over a picture one pixel wide, whose pixel centres have no distance, they
+#: would be without number
+LEAST_SIDE = 1.0
 #: pixels seen by both cameras that determine a rotation between them, with one to spare
 LEAST_PIXELS = 3
 

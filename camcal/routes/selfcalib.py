@@ -41,7 +41,6 @@ UNCERTAIN = 0.1
 WIDEST = 0.2
 #: added to 1 - σ2 / σ1 before its logarithm: what noise leaves of it at the right focal length
 SHARP = 1e-3
-LEAST_VIEWS = 2  #: one view has no parallax
 #: least matches of a pair to determine the distortion: with fewer, a further parameter gains as much by chance
 LEAST_BENT = 40
 #: ratio of the distances of matches from a homography's predictions to those from epipolar lines: 2.5 for noise alone
@@ -114,7 +113,7 @@ def estimate(
         If the motion is critical.
     """
     known = pairs(tracks, views, seed)
-    if views < LEAST_VIEWS or not known:
+    if not known:
         raise DataError(
             f"no two of {views} views share 16 points or more.",
             "Give tracks of more points over several views.",
