@@ -22,7 +22,6 @@ import numpy as np
 from camcal.assess.covariance import NULL
 from camcal.assess.design import Design
 from camcal.assess.figures import redundancy
-from camcal.assess.uncertainty import ProjectionUncertainty
 from camcal.geometry.numbers import TINY
 from camcal.least_squares.distributions import f_exceeded
 from camcal.records import dataclass
@@ -85,16 +84,6 @@ def _p_value(move: Array, spread: Array, freedom: int) -> float:
     along = vectors[:, good].T @ (move / d)
     statistic = float((along**2 / values[good]).sum()) / max(int(good.sum()), 1)
     return float(f_exceeded(statistic, int(good.sum()), freedom))
-
-
-def shift_px(design: Design, found: Influence, uncertainty: ProjectionUncertainty, pixels: Array) -> Array:
-    """The largest movement of the projections at infinity of pixels (N, 2) when each view is left out: (V,), px."""
-    rays = design.calibration.camera.unproject(pixels)
-    by_params, by_frame = uncertainty.jacobians(rays[np.isfinite(rays).all(1)], at_infinity=True)
-    own = design.transform.shape[1]
-    moved = (by_params - by_frame @ uncertainty.follow)[:, :, :own]
-    shifts = np.linalg.norm(np.einsum("ncf,vf->vnc", moved, found.moves), axis=2)
-    return shifts.max(1) if shifts.size else np.full(len(found.moves), np.nan)
 
 
 def jackknife(found: Influence) -> Array:

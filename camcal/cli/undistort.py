@@ -11,8 +11,6 @@ from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
 from camcal.errors import UsageError
 
-FILE = click.Path(path_type=Path)
-
 
 @click.command("undistort")
 @click.argument("images", nargs=-1, metavar="IMAGES...")

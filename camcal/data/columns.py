@@ -22,7 +22,6 @@ ALIASES = {
     "t": "t time seconds timestamp",
     "printed": "printed",
 }
-NUMERIC = ("X", "Y", "Z", "u", "v", "sigma", "id", "printed")
 #: what x and y are where X and Y are there, too
 _IMAGE = {"x": "u", "y": "v"}
 _BY_NAME = {alias: role for role, text in ALIASES.items() for alias in text.split()}

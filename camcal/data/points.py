@@ -30,7 +30,6 @@ HEAD = 4096
 #: so many rows without a header, each with another name, are points with names: views of a single point give nothing,
 #: and fewer points no camera
 LEAST_NAMED = 6
-Array = np.ndarray
 PathLike = str | os.PathLike
 
 

@@ -21,8 +21,6 @@ from camcal.model.pose import Array, Poses
 from camcal.peers.base import MOST_ITERATIONS, NotComparableError, Result, Task, bounds
 from camcal.solve.calibration import Calibration
 
-NAME = "cv2.calibrateCamera"
-
 
 def criteria(iterations: int = MOST_ITERATIONS, gain: float = 1e-15) -> tuple[int, int, float]:
     """cv2's stopping criteria: a number of iterations, and a relative change per step."""

@@ -43,8 +43,6 @@ Array = np.ndarray
 #: boards count as fixed where the instants agree on the place of one before the other to this part of their distance: a
 #: board in a hand moves by more from picture to picture, cameras calibrated alone leave less
 FAST = 0.05
-#: what `--boards` takes
-BOARDS = ("auto", "fixed", "moving")
 #: two groups that were put together, and the number of instants they share
 _Pair = tuple[int, int, int] | None
 
@@ -117,7 +115,7 @@ def layout(
     views : RigViews
         With boards.
     asked : str
-        Of `BOARDS`. With `fixed` every pair of boards is taken as fixed, with `moving` none; with `auto` those
+        As for `--boards`. With `fixed` every pair of boards is taken as fixed, with `moving` none; with `auto` those
         whose relative pose is the same at all instants, and those without which cameras are not connected.
     rig : mapping of camera -> Pose, optional
         cam_from_rig of cameras that are known.

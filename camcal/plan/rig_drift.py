@@ -27,8 +27,6 @@ from camcal.solve.turns import symmetries
 from camcal.track.rig_changes import RigFollower, excess
 from camcal.track.rig_equations import Instant, Picture, instant
 
-Array = np.ndarray
-
 #: px²; the variance of exact points, so that their weights stay finite
 LEAST_VARIANCE = 1e-12
 

@@ -24,8 +24,6 @@ from camcal.report.yaml import read_document
 from camcal.schema import Report, check, structure
 from camcal.schema.kinds import UNSET
 
-Array = np.ndarray
-
 
 def load_rig(path: str | os.PathLike) -> RigSolution:
     """Read the report of a rig, with its data.

@@ -16,8 +16,6 @@ from camcal.solve.problem import Blocks, Problem, State, Step
 
 Array = np.ndarray
 
-KINDS = ("left", "vector", "quaternion", "euler")
-
 
 class OtherRotations:
     """A problem with other coordinates of poses; poses are V rows of 6, or of 7 with quaternions.

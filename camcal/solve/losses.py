@@ -23,12 +23,11 @@ from camcal.records import dataclass
 
 @dataclass(frozen=True)
 class Loss:
-    """A loss: `weight` of u >= 0, the constant c of (1); `redescends` if the weight tends to zero for large u."""
+    """A loss: `weight` of u >= 0, and the constant c of (1)."""
 
     name: str
     weight: Callable[[Array], Array]
     constant: float
-    redescends: bool = False
 
     def weights(self, lengths: Array, sigma: float) -> Array:
         """Weights of points with residuals of these lengths; σ is the standard deviation of one coordinate."""
@@ -41,9 +40,9 @@ LOSSES = {
         Loss("linear", lambda u: np.ones_like(u), 1.0),
         Loss("huber", lambda u: 1.0 / np.maximum(u, 1.0), 1.501141),
         Loss("soft-l1", lambda u: 1.0 / np.sqrt(1.0 + u * u), 1.309427),
-        Loss("cauchy", lambda u: 1.0 / (1.0 + u * u), 2.548638, True),
-        Loss("tukey", lambda u: np.where(u < 1.0, (1.0 - np.minimum(u, 1.0) ** 2) ** 2, 0.0), 5.122986, True),
-        Loss("geman-mcclure", lambda u: 1.0 / (1.0 + u * u) ** 2, 4.095552, True),
+        Loss("cauchy", lambda u: 1.0 / (1.0 + u * u), 2.548638),
+        Loss("tukey", lambda u: np.where(u < 1.0, (1.0 - np.minimum(u, 1.0) ** 2) ** 2, 0.0), 5.122986),
+        Loss("geman-mcclure", lambda u: 1.0 / (1.0 + u * u) ** 2, 4.095552),
     )
 }
 

@@ -32,9 +32,8 @@ _NOTHING = 1e-3
 #: scoring ends where a step gains less of (2) than this, a ten-thousandth of `EVIDENCE`, or after so many steps, each
 #: a factor of e at most
 _SETTLED, _STEPS = 1e-6, 60
-#: of a thousand sets with correct sigmas, one gets an additional variance
-CHANCE = 0.001
-#: the square of the standard normal quantile of that: half a χ² of one degree of freedom exceeds it by `CHANCE`
+#: of a thousand sets with correct sigmas, one gets an additional variance: the square of the standard normal quantile
+#: of 0.001, which half a χ² of one degree of freedom exceeds with that probability
 EVIDENCE = 9.549536
 
 

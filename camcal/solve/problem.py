@@ -132,10 +132,6 @@ class Problem:
             "hold_rig": self.hold_rig,
         }
 
-    def reweighted(self, weights: Sequence[Array]) -> Problem:
-        """Return the same problem with other weights."""
-        return self._like(weights=weights)
-
     def normalised(self) -> Problem:
         """Return the same problem with `normalise`."""
         return self._like(normalise=True)

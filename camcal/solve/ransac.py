@@ -11,7 +11,7 @@ The model of a view is a homography or a projection matrix if the camera is unkn
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -231,10 +231,6 @@ class PoseModel:
             cam = self.view.xyz @ np.swapaxes(matrices[:, :, :3], 1, 2) + matrices[:, None, :, 3]
             error = np.linalg.norm(self.camera.project(cam) - self.view.uv, axis=-1) / self.relative
         return np.where(np.isfinite(error), error, np.inf)
-
-
-#: what `robust.estimate` asks for: the agreement of each view
-Agree = Callable[[Sequence[View]], list[Agreement]]
 
 
 def of_maps(views: Sequence[View], planar: Sequence[bool], seed: int = 0) -> list[Agreement]:

@@ -17,8 +17,6 @@ from camcal.solve.optimizers.base import Options, Result
 from camcal.solve.problem import Problem, State
 from camcal.solve.schur import Reduced
 
-Array = np.ndarray
-
 #: costs whose relative difference is at most this are the same minimum
 SAME = 1e-6
 

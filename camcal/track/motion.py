@@ -23,8 +23,6 @@ import numpy as np
 from camcal.errors import UsageError
 from camcal.registry import suggestion
 
-Array = np.ndarray
-
 GROUPS = ("focal", "aspect", "principal", "skew", "rotation", "translation", "distortion")
 
 #: the figures of a filter that knows no motion

@@ -7,8 +7,7 @@ import pytest
 
 from camcal.assess.covariance import covariance
 from camcal.assess.design import Design
-from camcal.assess.influence import bootstrap, influence, jackknife, shift_px
-from camcal.assess.uncertainty import projection_uncertainty
+from camcal.assess.influence import bootstrap, influence, jackknife
 from camcal.solve.refine import refine
 from tests.solved import camera_of, grid, observe, solved, tilted_poses
 
@@ -79,14 +78,6 @@ def test_a_view_that_cannot_be_spared():
     s = solved("pinhole", views=1, fix={"cx": None, "cy": None})
     found = influence(Design(s))
     assert np.isnan(found.moves).all() and np.isnan(found.p_values).all()
-
-
-def test_the_shift_in_the_picture():
-    s = solved(views=6)
-    design = Design(s)
-    found = influence(design)
-    shifts = shift_px(design, found, projection_uncertainty(s), np.array([[320.0, 240.0], [600.0, 440.0]]))
-    assert shifts.shape == (6,) and (shifts > 0).all()
 
 
 def test_the_hat_matrix_is_a_projection():

@@ -256,7 +256,7 @@ def test_a_view_whose_scale_is_not_noise(good):
 
 def test_the_evidence_for_another_variance(monkeypatch):
     """Twice the gain of the logarithm of the likelihood; its bound is exceeded by chance once in a thousand sets."""
-    assert pytest.approx(stats.norm.isf(noise.CHANCE) ** 2, rel=1e-6) == noise.EVIDENCE
+    assert pytest.approx(stats.norm.isf(0.001) ** 2, rel=1e-6) == noise.EVIDENCE
     residuals = np.random.default_rng(0).normal(size=(200, 2))
     fit = SimpleNamespace(used=np.ones(200, bool), used_residuals=residuals, free_count=0)
     squares = np.square(residuals).sum(1)

@@ -119,7 +119,7 @@ def test_groups_of_views_hold_all_of_them_once():
 def test_sigmas_weight_and_given_weights_replace_them():
     problem, state = problem_of(sigma=True)
     ones = [np.ones(len(v)) for v in problem.views]
-    plain = problem.reweighted(ones)
+    plain = Problem(problem.lens, problem.views, problem.free, weights=ones)
     unweighted = Problem(problem.lens, [replace(v, sigma=None) for v in problem.views], problem.free)
     assert plain.linearise(state).cost == pytest.approx(unweighted.linearise(state).cost, rel=1e-12)
     assert problem.linearise(state).cost != pytest.approx(plain.linearise(state).cost, rel=1e-3)
@@ -132,7 +132,7 @@ def test_points_of_weight_zero_do_not_count():
     views = list(problem.views)
     views[1] = views[1].take(slice(20, None))
     fewer = Problem(problem.lens, views, problem.free)
-    cost = problem.reweighted(weights).linearise(state).cost
+    cost = Problem(problem.lens, problem.views, problem.free, weights=weights).linearise(state).cost
     assert cost == pytest.approx(
         fewer.linearise(fewer.state(state.params, problem.poses(state))).cost, rel=1e-12
     )

@@ -15,8 +15,6 @@ from camcal.errors import CamcalError, DataError
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 
-Array = np.ndarray
-
 #: how far a matrix of a file may be from a rotation: files with four digits are read
 ROTATION = 1e-3
 #: ... and up to which its entries are left as they are: the rounding of a product of two of them

@@ -21,8 +21,6 @@ from camcal.model.rectification import PERSPECTIVE, rectify
 from camcal.registry import load, look_up
 from camcal.system.text import listed
 
-Array = np.ndarray
-
 #: px; two cameras that a file should hold exactly may differ by the rounding of its numbers: 1e-12 of 1e4 px
 EXACT = 1e-6
 

@@ -13,8 +13,6 @@ from camcal.report.charts.base import Arrows, Cells, Chart, Line, short
 from camcal.report.charts.coverage import unit_of
 from camcal.report.charts.residuals import enlargement, picture_limits
 
-Array = np.ndarray
-
 #: degrees from the axis beyond which the image of a pinhole camera is too far out for a comparison
 PINHOLE_DEGREES = 75.0
 #: fx, fy, cx, cy and skew: a lens with no more parameters is a pinhole camera, unless one is of distortion
