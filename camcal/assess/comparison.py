@@ -28,7 +28,7 @@ from camcal.assess.curvature import accuracy as accuracy_of
 from camcal.assess.difference import Difference, difference, image_grid
 from camcal.assess.uncertainty import ProjectionUncertainty, projection_uncertainty, worst_sigma
 from camcal.errors import DataError
-from camcal.geometry import hull, rotations
+from camcal.geometry import hull
 from camcal.model.camera import Camera
 from camcal.records import dataclass
 from camcal.solve.calibration import Calibration
@@ -333,6 +333,5 @@ def _apart(one: Apart) -> dict[str, Any]:
         "median_sigma": None if sigmas is None or not len(sigmas) else float(np.median(sigmas)),
         "pixels": len(d.pixels),
         "pixels_outside": d.outside,
-        "rotation_vector": rotations.log(d.b_from_a.rotation).tolist(),
-        "translation": d.b_from_a.translation.tolist(),
+        **d.b_from_a.entry(),
     }

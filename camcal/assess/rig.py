@@ -16,8 +16,9 @@ from __future__ import annotations
 import numpy as np
 
 from camcal.assess.covariance import Covariance
-from camcal.data.boards import movable, parts, pose_of
+from camcal.data.boards import movable, parts
 from camcal.geometry import rotations
+from camcal.model.pose import Pose
 from camcal.solve.calibration import RigCalibration
 
 Array = np.ndarray
@@ -74,7 +75,7 @@ def board_sigmas(solution: RigCalibration, accuracy: Covariance) -> Array:
         rows = np.zeros((6, solution.free.shape[1]))
         rows[:, begin + 6 * k : begin + 6 * k + 6] = np.eye(6)
         points = np.unique(data.xyz[(part == k) & kept], axis=0)
-        arm = pose_of(data.target["board_poses"][index]).translation - points.mean(0)
+        arm = Pose.from_entry(data.target["board_poses"][index]).translation - points.mean(0)
         rows[3:, begin + 6 * k : begin + 6 * k + 3] = -rotations.skew(arm)
         found.append(_sigmas(rows, accuracy))
     return np.array(found).reshape(-1, 6)

@@ -77,18 +77,8 @@ def moved(data: Observations, motions: Sequence[Pose]) -> Observations:
     xyz, poses = data.xyz.copy(), list(data.target["board_poses"])
     for k, (board, motion) in enumerate(zip(movable(data.target), motions, strict=True)):
         xyz[part == k] = motion.apply(xyz[part == k])
-        poses[board] = entry(motion @ pose_of(poses[board]))
+        poses[board] = (motion @ Pose.from_entry(poses[board])).entry()
     return replace(data, xyz=xyz, target={**data.target, "board_poses": poses})
-
-
-def entry(pose: Pose) -> dict[str, list[float]]:
-    """A pose in the form of the target's entry."""
-    return {"rotation_vector": pose.rotation_vector.tolist(), "translation": pose.translation.tolist()}
-
-
-def pose_of(found: Mapping[str, Any]) -> Pose:
-    """The inverse of `entry`."""
-    return Pose.from_vector(*(np.asarray(found[k], float) for k in ("rotation_vector", "translation")))
 
 
 def frames(target: Mapping[str, Any]) -> tuple[Pose, ...]:
@@ -96,7 +86,7 @@ def frames(target: Mapping[str, Any]) -> tuple[Pose, ...]:
     given = target.get("board_poses")
     if given is None:
         return (Pose.identity(),) * len(target.get("first_ids") or ())
-    return tuple(pose_of(p) for p in given)
+    return tuple(Pose.from_entry(p) for p in given)
 
 
 def view_name(view: str, board: str) -> str:

@@ -5,7 +5,7 @@ Names compose by cancelling: `a_from_b @ b_from_c` is a_from_c. Batch axes broad
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,15 @@ class Pose:
     def from_vector(rotation_vector: Array, translation: Array) -> Pose:
         """From rotation vectors (..., 3), rad, and translations (..., 3); a `Poses` for several."""
         return _made(so3.exp(rotation_vector), np.asarray(translation, float))
+
+    @staticmethod
+    def from_entry(entry: Mapping[str, Any]) -> Pose:
+        """From the entry of a file; the inverse of `entry`."""
+        return Pose.from_vector(*(np.array(entry[k], float) for k in ("rotation_vector", "translation")))
+
+    def entry(self) -> dict[str, list[float]]:
+        """The form in files: `rotation_vector`, rad, and `translation`."""
+        return {"rotation_vector": self.rotation_vector.tolist(), "translation": self.translation.tolist()}
 
     @property
     def rotation_vector(self) -> Array:

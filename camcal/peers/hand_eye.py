@@ -69,13 +69,8 @@ def _entry(
     shift = float(np.linalg.norm(x.translation - theirs.translation))
     apart = max(turn / (sigma[0] + LEAST_SIGMA), shift / (sigma[1] + LEAST_SIGMA * unit))
     status, why = judge(apart, SIGMAS if name in WEIGHED else ROUNDING, "difference in standard deviations")
-    found = {
-        "rotation_vector": rotations.log(theirs.rotation).tolist(),
-        "translation": theirs.translation.tolist(),
-    }
-    return entry(
-        stage, against, status, why, found, {"rotation_deg": float(np.degrees(turn)), "translation": shift}
-    )
+    difference = {"rotation_deg": float(np.degrees(turn)), "translation": shift}
+    return entry(stage, against, status, why, theirs.entry(), difference)
 
 
 def _theirs(function: str, method: int, robot: Poses, camera: Poses, unit: float) -> Pose:

@@ -56,11 +56,7 @@ def against_cv2(camera: Camera, xyz: Array, uv: Array, pose: Pose) -> Entry:
         name,
         status,
         why,
-        {
-            "rms_point": rms,
-            "rotation_vector": rotations.log(best.rotation).tolist(),
-            "translation": best.translation.tolist(),
-        },
+        {"rms_point": rms, **best.entry()},
         {
             "rms_point": ours - rms,
             "rotation_deg": float(np.degrees(rotations.angle_between(pose.rotation, best.rotation))),

@@ -224,8 +224,7 @@ def _judged(
         "rms_point": theirs,
         "matrix": [c.matrix.tolist() for c in rig.cameras.values()],
         **more,
-        "rotation_vector": rotations.log(relative.rotation).tolist(),
-        "translation": relative.translation.tolist(),
+        **relative.entry(),
         "baseline": float(np.linalg.norm(relative.translation)),
     }
     return entry(

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from camcal.data.boards import entry, labels, names_of
+from camcal.data.boards import labels, names_of
 from camcal.data.rig_table import RigViews
 from camcal.errors import CamcalError
 from camcal.model.pose import Pose, Poses
@@ -362,7 +362,7 @@ def _placed(fit: Calibration, boards: Mapping[str, int], found: Layout) -> Calib
     """A camera's fit in the frames of the groups."""
     data = fit.observations
     target: dict[str, Any] = {**(data.target or {}), "board_groups": list(found.groups)}
-    target["board_poses"] = [entry(p) for p in found.poses]
+    target["board_poses"] = [p.entry() for p in found.poses]
     xyz, which = data.xyz.copy(), labels(data)
     assert which is not None
     for board, pose in enumerate(found.poses):

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from camcal.model.camera import Camera
+from camcal.model.pose import Array
 from camcal.report.head import head
 from camcal.report.plain import plain
 
@@ -36,6 +39,14 @@ def cameras_document(cameras: CameraFile, command: Sequence[str] = (), **more: A
         if rig is not None:
             made["rig"] = rig
     return plain(made | more)
+
+
+def sigma_entry(sigma: Array | None) -> dict[str, Any]:
+    """The standard deviations (6,) of a pose, rad and length, in a report: angles in degrees; None if unknown."""
+    return {
+        "sigma_rotation_deg": None if sigma is None else np.degrees(sigma[:3]),
+        "sigma_translation": None if sigma is None else sigma[3:],
+    }
 
 
 def camera_entry(

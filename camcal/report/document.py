@@ -12,7 +12,7 @@ from camcal.assess.covariance import Covariance
 from camcal.assess.curvature import accuracy as accuracy_of
 from camcal.assess.warning import CalibrationWarning, grade, warning_entry
 from camcal.data.observations import Correspondences, SkippedView
-from camcal.geometry import projective, rotations
+from camcal.geometry import projective
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.plan.solution import RigSolution, Solution
@@ -256,10 +256,7 @@ def used_view(solution: Estimate, index: int, name: str, pose: Pose, sigmas: Arr
         "points": len(view),
         "rejected_points": int((~inliers).sum()),
         "rms_point": figures.rms_point(residuals[inliers]),
-        "cam_from_board": {
-            "rotation_vector": rotations.log(pose.rotation),
-            "translation": pose.translation,
-        },
+        "cam_from_board": pose.entry(),
     }
     if sigmas is not None:
         entry["cam_from_board"]["sigma"] = {"rotation": sigmas[:3], "centroid": sigmas[3:]}

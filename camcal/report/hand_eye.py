@@ -17,13 +17,13 @@ from camcal.model.pose import Array, Pose
 from camcal.plan.hand_eye import Asked, Found, find
 from camcal.plan.solution import RigSolution, Solution
 from camcal.records import dataclass
+from camcal.report.camera import sigma_entry
 from camcal.report.document import document, save
 from camcal.report.loading import from_document
 from camcal.report.plain import plain
 from camcal.report.rig import document as rig_document
 from camcal.report.rig_loading import from_document as rig_of_document
 from camcal.report.rig_loading import is_rig_report
-from camcal.report.routes import pose_entry
 from camcal.report.yaml import read_document
 from camcal.routes.hand_eye import NAMES
 from camcal.routes.hand_eye.estimate import Estimate, implied
@@ -109,8 +109,7 @@ class HandEye:
         return f"<HandEye {self.names[0]}: ({t}), robot {robot['translation_rms']:.3g}, {self.verdict}>"
 
     def _pose(self, which: int) -> Pose:
-        entry = self.section[self.names[which]]
-        return Pose.from_vector(np.array(entry["rotation_vector"]), np.array(entry["translation"]))
+        return Pose.from_entry(self.section[self.names[which]])
 
 
 def hand_eye(
@@ -204,9 +203,8 @@ def section(found: Found) -> dict[str, Any]:
 
 def _known(pose: Pose, covariance: Array, sigma: Array, reach: Array) -> dict[str, Any]:
     return {
-        **pose_entry(pose),
-        "sigma_rotation_deg": np.degrees(sigma[:3]),
-        "sigma_translation": sigma[3:],
+        **pose.entry(),
+        **sigma_entry(sigma),
         "interval_rotation_deg": np.degrees(reach[:3]),
         "interval_translation": reach[3:],
         "covariance": covariance,
@@ -230,7 +228,7 @@ def _estimated(value: float, sigma: float | None) -> dict[str, Any]:
 
 
 def _method(method: Any) -> dict[str, Any]:
-    pose = {"rotation_vector": None, "translation": None} if method.x is None else pose_entry(method.x)
+    pose = {"rotation_vector": None, "translation": None} if method.x is None else method.x.entry()
     known = method.x is not None
     return {
         "name": method.name,
@@ -255,7 +253,7 @@ def _views(found: Found) -> list[dict[str, Any]]:
             {
                 "id": name,
                 "status": "used",
-                "base_from_hand": pose_entry(robot[i]),
+                "base_from_hand": robot[i].entry(),
                 "translation_residual": made.residuals[i, 3:],
                 "rotation_residual_deg": float(np.degrees(np.linalg.norm(made.residuals[i, :3]))),
             }
@@ -265,8 +263,7 @@ def _views(found: Found) -> list[dict[str, Any]]:
 
 def _next(suggestion: Any) -> dict[str, Any]:
     return {
-        "base_from_hand": pose_entry(suggestion.base_from_hand),
-        "cam_from_board": pose_entry(suggestion.cam_from_board),
-        "sigma_rotation_deg": np.degrees(suggestion.sigma[:3]),
-        "sigma_translation": suggestion.sigma[3:],
+        "base_from_hand": suggestion.base_from_hand.entry(),
+        "cam_from_board": suggestion.cam_from_board.entry(),
+        **sigma_entry(suggestion.sigma),
     }

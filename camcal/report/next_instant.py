@@ -7,7 +7,6 @@ from typing import Any
 from camcal.assess.candidate_views import target_points
 from camcal.assess.next_instant import Suggestion
 from camcal.assess.next_instant import suggest as search
-from camcal.geometry import rotations
 from camcal.plan.rig_cameras import solution_within
 from camcal.plan.solution import RigSolution
 from camcal.report.next_view import words
@@ -31,10 +30,7 @@ def _entry(solution: RigSolution, found: Suggestion) -> dict[str, Any]:
         "words": f"{name}: {said}; seen by {', '.join(found.cameras)}",
         "cameras": list(found.cameras),
         "relative_sigmas": _by_pair(found.relative),
-        "rig_from_board": {
-            "rotation_vector": rotations.log(found.pose.rotation).tolist(),
-            "translation": found.pose.translation.tolist(),
-        },
+        "rig_from_board": found.pose.entry(),
     }
 
 

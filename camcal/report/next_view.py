@@ -17,7 +17,6 @@ from camcal.assess.checks.facts import Facts
 from camcal.assess.holdout import CHEAP_PARAMETERS
 from camcal.assess.next_view import NextView, Suggestion
 from camcal.errors import CamcalError, DataError, EstimationError
-from camcal.geometry import rotations
 from camcal.geometry.hull import hull as hull_of
 from camcal.model.pose import Pose
 from camcal.plan.solution import Solution
@@ -108,10 +107,7 @@ def _entry(solution: Solution, points: Array, found: Suggestion) -> dict[str, An
         "words": words(solution, points, found.pose),
         "worst_px": found.worst,
         "median_px": found.median,
-        "cam_from_board": {
-            "rotation_vector": rotations.log(found.pose.rotation).tolist(),
-            "translation": found.pose.translation.tolist(),
-        },
+        "cam_from_board": found.pose.entry(),
         "outline": np.round(outline, 1).tolist(),
     }
 

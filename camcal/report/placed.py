@@ -7,15 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from camcal.data.dlt_table import looks_like_dlt, read_dlt
 from camcal.data.formats import files
 from camcal.data.formats.camcal import camera_of_entry as camera_of
 from camcal.data.formats.checks import damage
 from camcal.data.formats.source import Source
 from camcal.errors import DataError
-from camcal.geometry import rotations
 from camcal.model.pose import Pose
 from camcal.report.yaml import read_document
 from camcal.routes.placed import PlacedCamera
@@ -88,11 +85,6 @@ def _is_camera_file(source: Path) -> bool:
 
 def _single_pose(found: Mapping[str, Any]) -> Pose | None:
     if "solutions" in found:
-        return _pose(found["solutions"][0]["cam_from_world"])
+        return Pose.from_entry(found["solutions"][0]["cam_from_world"])
     used = [v for v in found.get("views", []) if v.get("status") == "used"]
-    return _pose(used[0]["cam_from_board"]) if len(used) == 1 else None
-
-
-def _pose(entry: Mapping[str, Any]) -> Pose:
-    vector = np.array(entry["rotation_vector"], float)
-    return Pose(rotations.exp(vector), np.array(entry["translation"], float))
+    return Pose.from_entry(used[0]["cam_from_board"]) if len(used) == 1 else None

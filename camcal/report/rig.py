@@ -12,9 +12,8 @@ import numpy as np
 from camcal.assess.covariance import Covariance, covariance
 from camcal.assess.rig import baseline_sigma, board_sigmas, relative_sigmas
 from camcal.data.boards import movable, names_of
-from camcal.geometry import rotations
-from camcal.model.pose import Pose
 from camcal.plan.solution import RigSolution
+from camcal.report.camera import sigma_entry
 from camcal.report.document import assembled, camera_of_fit, skipped_entry, used_view
 from camcal.report.embedded import encode
 
@@ -92,11 +91,7 @@ def rig_section(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:
     for name in names[1:]:
         pose = rig.cam_from_rig[name]
         sigma = None if held else relative_sigmas(solution, accuracy, name)
-        poses[name] = {
-            **_pose(pose),
-            "sigma_rotation_deg": None if sigma is None else np.degrees(sigma[:3]),
-            "sigma_translation": None if sigma is None else sigma[3:],
-        }
+        poses[name] = pose.entry() | sigma_entry(sigma)
     for a, b in combinations(names, 2):
         known = None if held else baseline_sigma(solution, accuracy, a, b)
         baselines[f"{a}-{b}"] = {"value": rig.baseline(a, b), "sigma": known}
@@ -114,8 +109,7 @@ def _boards(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:
         found[names[index]] = {
             "reference": names[groups.index(groups[index])],
             **target["board_poses"][index],
-            "sigma_rotation_deg": np.degrees(sigma[:3]),
-            "sigma_translation": sigma[3:],
+            **sigma_entry(sigma),
         }
     return found
 
@@ -133,7 +127,7 @@ def _views(solution: RigSolution, accuracy: Covariance) -> tuple[list[dict[str, 
             "instant": data.view_ids[view],
             **entry,
         }
-        entry["rig_from_board"] = _pose(solution.poses[view])
+        entry["rig_from_board"] = solution.poses[view].entry()
         quality = data.picture_quality.get(entry["id"])
         entries.append(entry | ({"quality": quality} if quality else {}))
         at.append(len(entries) - 1)
@@ -142,7 +136,3 @@ def _views(solution: RigSolution, accuracy: Covariance) -> tuple[list[dict[str, 
         entries.append({"id": entry.pop("id"), "camera": view.camera, **entry})
     order = sorted(range(len(entries)), key=lambda i: data.cameras.index(entries[i]["camera"]))
     return [entries[i] for i in order], [order.index(i) for i in at]
-
-
-def _pose(pose: Pose) -> dict[str, Array]:
-    return {"rotation_vector": rotations.log(pose.rotation), "translation": pose.translation}

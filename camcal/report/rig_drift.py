@@ -12,7 +12,6 @@ import numpy as np
 
 from camcal.plan.rig_drift import Followed, moved
 from camcal.plan.solution import RigSolution
-from camcal.report.routes import pose_entry
 from camcal.track.rig_changes import Knock
 
 COLUMNS = (
@@ -48,7 +47,7 @@ def sections(rig: RigSolution, found: Followed) -> dict[str, Any]:
     return {
         "rig": {
             "reference": after.reference,
-            "cam_from_rig": {n: pose_entry(p) for n, p in after.cam_from_rig.items() if n != after.reference},
+            "cam_from_rig": {n: p.entry() for n, p in after.cam_from_rig.items() if n != after.reference},
         },
         "track": {
             "method": "rig",

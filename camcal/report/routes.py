@@ -9,8 +9,7 @@ import numpy as np
 
 from camcal.assess.checks.coverage import outside
 from camcal.assess.warning import CalibrationWarning, Severity, grade_of, warning_entry
-from camcal.geometry import rotations
-from camcal.model.pose import Pose
+from camcal.report.camera import sigma_entry
 from camcal.report.head import head
 from camcal.report.plain import plain
 from camcal.routes.assumed_centre import CENTRE
@@ -94,11 +93,6 @@ def principal_point_assumed(what: str, names: Sequence[str], hint: str) -> dict[
     )
 
 
-def pose_entry(pose: Pose) -> dict[str, Any]:
-    """A pose as rotation vector, rad, and translation."""
-    return {"rotation_vector": rotations.log(pose.rotation), "translation": pose.translation}
-
-
 def bundle_entry(iterations: int, converged: bool, residuals: Array, used: Array) -> dict[str, Any]:
     """The report's `fit` of a bundle adjustment: residuals (N, 2), px, and the used rows (N,)."""
     return {
@@ -115,10 +109,9 @@ def solution_entry(solution: Solution) -> dict[str, Any]:
     covariance = solution.covariance
     sigma = None if covariance is None else np.sqrt(np.maximum(np.diagonal(covariance), 0))
     return {
-        "cam_from_world": pose_entry(solution.pose),
+        "cam_from_world": solution.pose.entry(),
         "rms_point": solution.rms_point,
-        "sigma_rotation_deg": None if sigma is None else np.degrees(sigma[:3]),
-        "sigma_translation": None if sigma is None else sigma[3:],
+        **sigma_entry(sigma),
         "covariance": covariance,
     }
 

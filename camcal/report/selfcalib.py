@@ -19,7 +19,6 @@ from camcal.report.routes import (
     bundle_entry,
     document,
     outside_picture,
-    pose_entry,
     principal_point_assumed,
     warning,
 )
@@ -115,9 +114,9 @@ def _view(
         "cam_from_world": None,
     }
     if known:
-        entry["cam_from_world"] = pose_entry(
-            Pose(found.bundle.rotations[index], found.bundle.translations[index])
-        )
+        entry["cam_from_world"] = Pose(
+            found.bundle.rotations[index], found.bundle.translations[index]
+        ).entry()
     return entry
 
 

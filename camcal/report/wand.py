@@ -17,12 +17,11 @@ from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.peers.triangulate_points import against_cv2
-from camcal.report.camera import camera_entry
+from camcal.report.camera import camera_entry, sigma_entry
 from camcal.report.routes import (
     bundle_entry,
     document,
     outside_picture,
-    pose_entry,
     principal_point_assumed,
     warning,
 )
@@ -166,18 +165,14 @@ def _rig(found: WandCalibration, names: Sequence[str]) -> dict[str, Any]:
     poses = {}
     for index, name in enumerate(names[1:], 1):
         own = sigma[begin + 6 * (index - 1) :][:6]
-        poses[name] = {
-            **pose_entry(found.wand.poses[index]),
-            "sigma_rotation_deg": np.degrees(own[:3]),
-            "sigma_translation": own[3:],
-        }
+        poses[name] = found.wand.poses[index].entry() | sigma_entry(own)
     baselines = {}
     for a, b in combinations(range(len(names)), 2):
         length, spread = found.baseline(a, b)
         baselines[f"{names[a]}-{names[b]}"] = {"value": length, "sigma": spread}
     # the middle of the volume for the origin: DLT coefficients need one that lies before every camera
     middle = np.nanmean(found.wand.points, axis=0)
-    world = pose_entry(Pose(np.eye(3), middle))
+    world = Pose(np.eye(3), middle).entry()
     return {"reference": names[0], "cam_from_rig": poses, "baselines": baselines, "rig_from_world": world}
 
 

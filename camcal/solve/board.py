@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -226,9 +225,12 @@ class BoardProblem(Problem):
         self.board = board
         self.groups = [replace(g, ids=self._padded_ids(g)) for g in self.groups]
 
-    def _like(self, **changes: Any) -> BoardProblem:
+    def normalised(self) -> BoardProblem:
+        """Return the same problem with `normalise`."""
         lenses, frees = [c.lens for c in self.cameras], [c.free for c in self.cameras]
-        return BoardProblem(lenses, self.views, frees, self.board, **(self._arguments() | changes))
+        return BoardProblem(
+            lenses, self.views, frees, self.board, self.weights, True, self.seen, self.hold_rig
+        )
 
     @property
     def point_coordinates(self) -> Array | None:

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 
@@ -119,22 +118,10 @@ class Problem:
         np.add.at(counts[:, 0], self.seen.instant, sizes)
         return sums / counts
 
-    def _like(self, **changes: Any) -> Problem:
-        """Return the same problem with other arguments."""
-        lenses, frees = [c.lens for c in self.cameras], [c.free for c in self.cameras]
-        return Problem(lenses, self.views, frees, **(self._arguments() | changes))
-
-    def _arguments(self) -> dict[str, Any]:
-        return {
-            "weights": self.weights,
-            "normalise": self.normalise,
-            "seen": self.seen,
-            "hold_rig": self.hold_rig,
-        }
-
     def normalised(self) -> Problem:
         """Return the same problem with `normalise`."""
-        return self._like(normalise=True)
+        lenses, frees = [c.lens for c in self.cameras], [c.free for c in self.cameras]
+        return Problem(lenses, self.views, frees, self.weights, True, self.seen, self.hold_rig)
 
     @property
     def lens(self) -> Lens:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from camcal.model.pose import Array, Poses
 from camcal.records import dataclass
 from camcal.solve.cameras import Assembly
 from camcal.solve.groups import Group
-from camcal.solve.problem import Problem, Seen
+from camcal.solve.problem import Problem
 from camcal.solve.state import Blocks, State
 
 #: values (..., 2, N) of a field at q (..., 2, N), and its derivative (..., 2, 2, N), d B_i / d q_j
@@ -105,16 +104,10 @@ class WarpedProblem(Problem):
         free: Array,
         warp: Warp,
         weights: Sequence[Array] | None = None,
-        normalise: bool = True,
     ):
-        super().__init__(lens, views, free, weights, normalise, Seen.alone(len(views)))
+        super().__init__(lens, views, free, weights)
         self.warp = warp
         self._filled: Array | None = None
-
-    def _like(self, **changes: Any) -> WarpedProblem:
-        given = {"weights": self.weights, "normalise": self.normalise} | changes
-        given.pop("seen", None)
-        return WarpedProblem(self.cameras[0].lens, self.views, self.free, self.warp, **given)
 
     @property
     def variables(self) -> int:

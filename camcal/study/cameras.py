@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from camcal.errors import UsageError
-from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
@@ -65,13 +64,6 @@ def truth_document(camera: Camera, poses: Poses, names: list[str], **more: Any) 
             "parameters": {name: {"value": value} for name, value in camera.values.items()},
         },
         "views": [
-            {
-                "id": name,
-                "cam_from_board": {
-                    "rotation_vector": rotations.log(pose.rotation).tolist(),
-                    "translation": pose.translation.tolist(),
-                },
-            }
-            for name, pose in zip(names, poses, strict=True)
+            {"id": name, "cam_from_board": pose.entry()} for name, pose in zip(names, poses, strict=True)
         ],
     }

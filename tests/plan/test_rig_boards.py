@@ -9,12 +9,12 @@ import camcal
 from camcal.assess.board_shape import separate
 from camcal.assess.covariance import covariance
 from camcal.assess.rig import board_sigmas, relative_sigmas
-from camcal.data.boards import pose_of
 from camcal.data.observations import Observations
 from camcal.errors import DataError, EstimationError
 from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
+from camcal.model.pose import Pose
 from camcal.model.rig import Rig
 from camcal.report.board import on_known_board
 from camcal.report.rig import document
@@ -90,7 +90,7 @@ def test_cameras_that_see_different_boards():
     accuracy = covariance(solution)
     z = off(solution.rig.cam_from_rig["b"], rig.cam_from_rig["b"]) / relative_sigmas(solution, accuracy, "b")
     assert np.abs(z).max() < 4, z
-    found = pose_of(solution.observations.target["board_poses"][1])
+    found = Pose.from_entry(solution.observations.target["board_poses"][1])
     true = BOARDS["front"].inverse() @ BOARDS["back"]
     z = off(found, true) / board_sigmas(solution, accuracy)[0]
     assert np.abs(z).max() < 4, z

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from camcal.data.formats.base import Array, CameraFile, Format, NamedCamera
+from camcal.data.formats.base import CameraFile, Format, NamedCamera
 from camcal.data.formats.source import Source
 from camcal.errors import DataError
-from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.model.pose import Pose
@@ -68,7 +67,7 @@ def _camera(section: Section, source: str, path: str) -> Camera:
 def pose_of_entry(entry: Mapping[str, Any] | RigPose) -> Pose:
     """The pose of an entry with rotation_vector and translation."""
     section = entry if isinstance(entry, RigPose) else structure(RigPose, entry, "report", "pose")
-    return Pose(rotations.exp(np.array(section.rotation_vector)), np.array(section.translation))
+    return Pose.from_vector(np.array(section.rotation_vector), np.array(section.translation))
 
 
 def _poses(rig: Rig | None, names: list[str]) -> dict[str, Pose]:
@@ -83,11 +82,6 @@ def _poses(rig: Rig | None, names: list[str]) -> dict[str, Pose]:
     return {n: p for n, p in found.items() if n in names}
 
 
-def pose_entry(pose: Pose) -> dict[str, Array]:
-    """The entry of a pose: rotation_vector (rad) and translation."""
-    return {"rotation_vector": rotations.log(pose.rotation), "translation": pose.translation}
-
-
 def rig_entry(cameras: CameraFile) -> dict[str, Any] | None:
     """The entry `rig` of several cameras with poses; None if one has no pose.
 
@@ -98,10 +92,10 @@ def rig_entry(cameras: CameraFile) -> dict[str, Any] | None:
     first, *rest = cameras.cameras
     assert first.pose is not None
     back = first.pose.inverse()
-    others = {c.name: pose_entry(c.pose @ back) for c in rest if c.pose is not None}
+    others = {c.name: (c.pose @ back).entry() for c in rest if c.pose is not None}
     made: dict[str, Any] = {"reference": first.name, "cam_from_rig": others}
     if not (np.array_equal(first.pose.rotation, np.eye(3)) and not first.pose.translation.any()):
-        made["rig_from_world"] = pose_entry(first.pose)
+        made["rig_from_world"] = first.pose.entry()
     return made
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from camcal.assess.checks.facts import Facts
-from camcal.data.boards import board_of_ids, labels, names_of, pose_of, view_name
+from camcal.data.boards import board_of_ids, labels, names_of, view_name
 from camcal.data.observations import View
 from camcal.model.pose import Pose
 from camcal.plan.rig_cameras import solution_within
@@ -76,7 +76,7 @@ def _boards(solution: Solution, view: View) -> list[tuple[str, Array, Array]]:
         (
             view_name(view.id, names[k]),
             view.xyz[which == k],
-            pose_of(target["board_poses"][k]).rotation,
+            Pose.from_entry(target["board_poses"][k]).rotation,
         )
         for k in np.unique(which)
     ]
