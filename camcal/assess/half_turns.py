@@ -62,14 +62,11 @@ class Turned:
         Those that were turned.
     turn : Pose
         The half turn, of the board in its own frame.
-    evidence : float
-        By how much n ln(cost) of a free board fell.
     """
 
     fit: Estimate
     views: tuple[str, ...]
     turn: Pose
-    evidence: float
 
 
 def decided(flat: Estimate, how: How) -> Turned | None:
@@ -113,7 +110,7 @@ def decided(flat: Estimate, how: How) -> Turned | None:
     by_chance = _logarithm_of_chance(explained, numbers, 2 * costs[1], freedom)
     if evidence < least or by_chance > _allowed(views):
         return None
-    return Turned(fit, names, turn, evidence)
+    return Turned(fit, names, turn)
 
 
 def decided_by_known(fit: Calibration, how: How) -> Turned | None:
@@ -148,7 +145,7 @@ def decided_by_known(fit: Calibration, how: How) -> Turned | None:
     evidence = redundancy(fit) * log(fit.fit.cost / now.fit.cost) if 0 < now.fit.cost < fit.fit.cost else 0.0
     if evidence < _least(len(fit.poses)):
         return None
-    return Turned(now, tuple(v for v in data.view_ids if v in names), turn, evidence)
+    return Turned(now, tuple(v for v in data.view_ids if v in names), turn)
 
 
 def half_turn(data: Observations, ideal: Array | None = None) -> Pose | None:

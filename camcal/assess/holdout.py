@@ -26,7 +26,6 @@ from camcal.assess.design import Design
 from camcal.data.observations import Observations
 from camcal.errors import CamcalError, UsageError
 from camcal.geometry.numbers import TINY
-from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
 from camcal.records import dataclass
 from camcal.solve.board_points import shaped
@@ -66,11 +65,6 @@ class HoldOut:
     residuals: tuple[Array, ...]
     fits: tuple[Estimate, ...] = ()
     trained: tuple[Array, ...] = ()
-
-    @property
-    def cameras(self) -> tuple[Camera, ...]:
-        """The camera of each fold."""
-        return tuple(fit.cameras[0] for fit in self.fits)
 
     @property
     def figures(self) -> figures.Figures:

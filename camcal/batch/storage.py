@@ -123,14 +123,6 @@ class Storage:
         except (FileNotFoundError, NotADirectoryError):
             return set()
 
-    def remove(self, name: str) -> None:
-        """Remove a file."""
-        if self.remote is None:
-            Path(self._path(name)).unlink(missing_ok=True)
-        else:
-            with _answers(self.root, "removed"):
-                self.remote.rm_file(self._path(name))
-
 
 def _connect(address: str) -> tuple[Any, str]:
     try:

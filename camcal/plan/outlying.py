@@ -7,7 +7,6 @@ stated test keeps. Clean data thus get the least squares answer itself, and pay 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -76,11 +75,8 @@ def _half_agreeing(progress: Progress) -> Change:
     return Change(data=progress.data.of_views(rows), again=True)
 
 
-def _no_camera_after(restarts: int) -> Callable[[Progress], bool]:
-    def applies(progress: Progress) -> bool:
-        return progress.restarts == restarts and progress.best is None
-
-    return applies
+def _no_camera_from_all(progress: Progress) -> bool:
+    return progress.restarts == 1 and progress.best is None
 
 
 def _found_from_half(progress: Progress) -> bool:
@@ -220,7 +216,7 @@ def outliers_plan() -> tuple[Attempt, ...]:
     return (
         Attempt("agreeing", wants_restart, _agreeing),
         *from_nothing(),
-        Attempt("agreeing-half", _no_camera_after(1), _half_agreeing),
+        Attempt("agreeing-half", _no_camera_from_all, _half_agreeing),
         *from_nothing(),
         Attempt("all-poses", _found_from_half, _all_poses),
         *AFTER_RESTART,

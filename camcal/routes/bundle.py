@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 from camcal.geometry import rotations
 from camcal.least_squares.blocks import BlockNormal, Fitted, bounded_inverse, minimise
 from camcal.model.camera import Camera
-from camcal.model.pose import Array, Poses
+from camcal.model.pose import Array
 from camcal.records import dataclass
 
 
@@ -48,11 +48,6 @@ class Bundle:
     rotations: Array
     translations: Array
     points: Array
-
-    @property
-    def poses(self) -> Poses:
-        """The poses as one object."""
-        return Poses(self.rotations, self.translations)
 
     @property
     def known_views(self) -> Array:

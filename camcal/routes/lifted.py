@@ -51,7 +51,6 @@ class Rational:
 
     rays: Array
     kind: str  #: pinhole, division or rational
-    median: float  #: of the distances of all matches, px
 
 
 def of_matches(matches: list[tuple[Array, Array]], size: tuple[int, int], seed: int = 0) -> Rational:
@@ -75,18 +74,15 @@ def of_matches(matches: list[tuple[Array, Array]], size: tuple[int, int], seed: 
     score = {shape: float(np.exp(np.mean([np.log(m) for m, _ in each]))) for shape, each in tried.items()}
     best = min(score, key=lambda s: score[s])
     if score[best] > (1 - GAIN) * score[0.0]:
-        return Rational(division(0.0), "pinhole", score[0.0] * scale)
+        return Rational(division(0.0), "pinhole")
     agreed = [(a[g], b[g]) for (a, b), (_, g) in zip(unit, tried[best], strict=True)]
     single = _least_squares(division(best), division(1.0)[None, :, :3], agreed)
     full = _least_squares(single, np.eye(9).reshape(9, 3, 3), agreed)
     squares = [float(np.square(_off(rays, agreed)).sum()) for rays in (single, full)]
     freedom = sum(len(a) - epipolar.FREEDOM for a, _ in agreed) - (1 + MORE)
     if freedom > 0 and (squares[0] - squares[1]) / MORE > F_WORTH * squares[1] / freedom:
-        single, kind = full, "rational"
-    else:
-        kind = "division"
-    medians = [_robust(single, *pair, scale, seed)[0] for pair in unit]
-    return Rational(single, kind, float(np.exp(np.mean(np.log(medians)))) * scale)
+        return Rational(full, "rational")
+    return Rational(single, "division")
 
 
 def division(shape: float) -> Array:

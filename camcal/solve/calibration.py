@@ -64,7 +64,6 @@ class Fit:
     stop_reason: str
     cost: float  #: half the weighted sum of squares
     seconds: float
-    trace: tuple[float, ...] = ()
     #: (iteration, cost, evaluations, seconds) of the start and of every step that was kept
     samples: tuple[tuple[int, float, int, float], ...] = ()
     info: Mapping[str, Any] = field(default_factory=dict)

@@ -21,11 +21,7 @@ _TOLERANCE = 1e-12
 
 
 def refine_poses(
-    camera: Camera,
-    views: list[View] | tuple[View, ...],
-    poses: Poses,
-    weights: list[Array] | None = None,
-    max_iterations: int = 100,
+    camera: Camera, views: list[View] | tuple[View, ...], poses: Poses, max_iterations: int = 100
 ) -> tuple[Poses, Array, Array]:
     """Minimise the reprojection error of each view over its pose, independently.
 
@@ -35,7 +31,6 @@ def refine_poses(
     views : V views
     poses : Poses
         Starts, cam_from_board.
-    weights : V arrays (N,), optional
 
     Returns
     -------
@@ -44,7 +39,7 @@ def refine_poses(
         ½ Σ w |r|² of each view; inf if a start is outside the lens's domain and no step corrects it.
     converged : (V,) bool array
     """
-    problem = Problem(camera.lens, views, np.zeros((camera.lens.size, 0)), weights)
+    problem = Problem(camera.lens, views, np.zeros((camera.lens.size, 0)))
     found = solve_poses(problem, problem.state(camera.params, poses), max_iterations)
     return problem.poses(found.state), found.costs, found.converged
 

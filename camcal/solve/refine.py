@@ -370,7 +370,6 @@ def _fit(optimizer: str, result: Result, seconds: float) -> Fit:
         stop_reason=result.stop_reason,
         cost=result.blocks.cost,
         seconds=seconds,
-        trace=result.trace,
         samples=result.samples,
         info=result.info,
     )

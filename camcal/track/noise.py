@@ -51,11 +51,6 @@ class Noise(Kept):
         self.sigma = known if known is not None else 1.0
         self.dof = float("inf") if known is not None else 0.0
 
-    @property
-    def ready(self) -> bool:
-        """Return whether `sigma` is an estimate rather than a placeholder."""
-        return self.dof > 0
-
     def add(self, squares: float, dof: int) -> None:
         """Pool a sum of squared residuals, px² (or in units of the sigmas), of `dof` degrees of freedom."""
         if self.known is not None or dof <= 0:

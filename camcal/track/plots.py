@@ -108,10 +108,10 @@ def draw(table: Path, folder: Path, reference: Array | None = None, force: bool 
     return paths(folder)
 
 
-def _panels(count: int, height: float = 1.9) -> tuple[Any, Any]:
+def _panels(count: int) -> tuple[Any, Any]:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8, height * count + 0.4), layout="constrained")
+    figure = Figure(figsize=(8, 1.9 * count + 0.4), layout="constrained")
     axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
     axes[-1].set_xlabel("frame")
     return figure, axes

@@ -9,7 +9,7 @@ from camcal.geometry import rotations
 from camcal.model.pose import Poses
 from camcal.solve.poses import refine_poses, solve_poses
 from tests import solved
-from tests.solve.problems import cost_of, problem_of, rig_views, views_of
+from tests.solve.problems import cost_of, problem_of, views_of
 
 
 def disturbed(poses, angle=0.05, shift=0.3, seed=4):
@@ -40,17 +40,6 @@ def test_each_view_alone_gives_the_same():
         alone, cost, _ = refine_poses(camera, [view], disturbed(truth)[i : i + 1])
         assert costs[i] == pytest.approx(cost[0], rel=1e-10)
         np.testing.assert_allclose(together.translations[i], alone.translations[0], atol=1e-6)
-
-
-def test_weights_of_zero_take_points_away():
-    camera = solved.camera_of()
-    views, truth = rig_views(camera)
-    spoilt = [replace(v, uv=v.uv + np.where(np.arange(len(v))[:, None] < 5, 40.0, 0.0)) for v in views]
-    weights = [np.where(np.arange(len(v)) < 5, 0.0, 1.0) for v in views]
-    found, _, converged = refine_poses(camera, spoilt, truth, weights)
-    clean, _, _ = refine_poses(camera, [v.take(slice(5, None)) for v in views], truth)
-    assert converged.all()
-    np.testing.assert_allclose(found.translations, clean.translations, atol=1e-6)
 
 
 def test_a_view_behind_the_camera_does_not_stop_the_others():

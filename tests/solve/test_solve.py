@@ -45,7 +45,7 @@ def test_the_solution_is_complete():
     assert found.normal.poses.shape == (len(data), 6, 6)
     fit = found.fit
     assert fit.optimizer == "lm" and fit.evaluations >= fit.iterations >= 1
-    assert fit.trace[0] > fit.trace[-1] == fit.cost
+    assert fit.samples[0][1] > fit.samples[-1][1] == fit.cost
     assert [(s[0], s[1]) for s in fit.samples[1:]] == told
     assert fit.cost == pytest.approx(0.5 * sum((r**2).sum() for r in [found.residuals]), rel=1e-12)
     np.testing.assert_array_equal(found.start.params, start_of(camera).params)

@@ -41,7 +41,10 @@ def same(a, b):
         (a.normal.intrinsics, b.normal.intrinsics), (a.normal.coupling, b.normal.coupling),
         (a.normal.poses, b.normal.poses),
     ]  # fmt: skip
-    figures = [(f.fit.iterations, f.fit.evaluations, f.fit.stop_reason, f.fit.trace) for f in (a, b)]
+    figures = [
+        (f.fit.iterations, f.fit.evaluations, f.fit.stop_reason, [s[1] for s in f.fit.samples])
+        for f in (a, b)
+    ]
     return all(np.array_equal(x, y) for x, y in pairs) and figures[0] == figures[1]
 
 

@@ -32,7 +32,7 @@ from camcal.model.pose import Array
 from camcal.records import dataclass
 from camcal.solve import optimizers
 from camcal.solve.board import make_board
-from camcal.solve.calibration import Calibration, NormalBlocks, ShapedBoard
+from camcal.solve.calibration import Calibration, NormalBlocks
 from camcal.solve.optimizers.base import Options
 from camcal.solve.refine import How, refine
 from camcal.solve.several_boards import Several
@@ -77,7 +77,6 @@ class Trial:
         Which views form the second part.
     cost, numbers, bic : float, int, float
     warp : Warp
-    board : ShapedBoard or None
     covariance : (F, F) array
         Of the camera's free parameters in this trial; empty for a board.
     """
@@ -91,7 +90,6 @@ class Trial:
     numbers: int
     bic: float
     warp: Warp
-    board: ShapedBoard | None = None
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
@@ -308,9 +306,7 @@ class Search:
             numbers = made.board.size
             theta = np.zeros((self.count, len(self.warp.fields)))
             bic = self.bic(made.fit.cost, numbers, 0.0)
-            yield Trial(
-                "board", kind, made.camera, theta, none, made.fit.cost, numbers, bic, self.warp, made.board
-            )
+            yield Trial("board", kind, made.camera, theta, none, made.fit.cost, numbers, bic, self.warp)
 
     def _promised_board(self, kind: str) -> float:
         """(1) of a board of a kind as predicted by one step; infinite if the step cannot be made.

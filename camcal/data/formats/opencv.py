@@ -255,9 +255,9 @@ def _rectification(cameras: CameraFile) -> dict[str, Any]:
     return {"R1": r1, "R2": r2, "P1": p1, "P2": p2, "Q": np.array(q, float)}
 
 
-def _rows(values: Array, width: int = 4) -> list[str]:
+def _rows(values: Array) -> list[str]:
     words = [number(v) for v in values.ravel().tolist()]
-    return [", ".join(words[i : i + width]) for i in range(0, len(words), width)]
+    return [", ".join(words[i : i + 4]) for i in range(0, len(words), 4)]
 
 
 def as_yaml(entries: Mapping[str, Any]) -> str:

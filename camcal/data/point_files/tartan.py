@@ -45,8 +45,8 @@ def _read_mat(source: Source, board: Board) -> tuple[Table, Size | None]:
     first = 1.0 if source.data.startswith(OF_MATLAB) else 0.0
     views = []
     for i, corners in enumerate(_listed(found["corners"]), 1):
-        pixels = _columns(corners.x, 2)
-        numbers = _columns(corners.cspond, 2).astype(int)
+        pixels = _columns(corners.x)
+        numbers = _columns(corners.cspond).astype(int)
         if len(numbers) != len(pixels):
             raise ValueError(f"picture {i} has {len(pixels)} pixels but {len(numbers)} point numbers")
         points = [_point(boards, p, b) for p, b in numbers.tolist()]
@@ -64,15 +64,15 @@ def _listed(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
-def _columns(values: Any, rows: int) -> Array:
-    """The columns of a MATLAB matrix as rows; a single column is stored as a vector."""
+def _columns(values: Any) -> Array:
+    """The columns of a MATLAB matrix of two rows as rows; a single column is stored as a vector."""
     found = np.asarray(values, float)
-    return found.reshape(rows, -1).T if found.size else np.zeros((0, rows))
+    return found.reshape(2, -1).T if found.size else np.zeros((0, 2))
 
 
 def _board(entry: Any) -> Array:
     """The points of a board (M, 3) in the frame of all boards."""
-    flat = _columns(entry.X, 2)
+    flat = _columns(entry.X)
     pose = floats(entry.Rt, 12, "Rt").reshape(3, 4)
     return np.asarray(np.c_[flat, np.zeros(len(flat))] @ pose[:, :3].T + pose[:, 3])
 

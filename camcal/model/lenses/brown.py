@@ -67,9 +67,7 @@ class Brown(PlaneLens):
             flags.append("ZERO_TANGENT_DIST")
         if self.prism:
             flags.append("THIN_PRISM_MODEL")
-        # cv2's prism has two more terms, which its flags cannot hold back
-        free = (*self.names[self._own :], *(("s2_r4", "s4_r4") if self.prism else ()))
-        return OpenCVForm("calibrateCamera", out, tuple(flags), free)
+        return OpenCVForm("calibrateCamera", out, tuple(flags))
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
         """A typical webcam lens and a long one."""

@@ -17,13 +17,12 @@ class OpenCVForm:
     """The same camera for cv2: the function family that accepts it and the coefficients in cv2's order.
 
     `function` is the calibration function (`calibrateCamera`, `fisheye.calibrate`, `omnidir.calibrate`);
-    `flags` are the names of its flags, `free` the names of the coefficients it would estimate with them.
+    `flags` are the names of its flags.
     """
 
     function: str
     distortion: Array
     flags: tuple[str, ...] = ()
-    free: tuple[str, ...] = ()
     xi: float | None = None
 
 

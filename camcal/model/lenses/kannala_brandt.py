@@ -92,7 +92,7 @@ class KannalaBrandt(RadialLens):
         k = np.zeros(CV2_TERMS)
         k[: self.count] = params[self._own :]
         flags = tuple(f"FIX_K{i}" for i in range(self.count + 1, CV2_TERMS + 1))
-        return OpenCVForm("fisheye.calibrate", k, flags, self.names[self._own :])
+        return OpenCVForm("fisheye.calibrate", k, flags)
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
         """A lens of 150 degrees and one of 195 degrees."""

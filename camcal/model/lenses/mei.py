@@ -53,7 +53,7 @@ class Mei(Lens):
     def opencv(self, params: Array) -> OpenCVForm:
         """cv2.omnidir, whose matrix contains the skew."""
         xi, *bend = params[self._own :].tolist()
-        return OpenCVForm("omnidir.calibrate", np.array(bend), (), self.names[self._own :], xi)
+        return OpenCVForm("omnidir.calibrate", np.array(bend), xi=xi)
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
         """A fisheye lens and a mild one."""

@@ -134,8 +134,7 @@ class OpenCV(PlaneLens):
     def opencv(self, params: Array) -> OpenCVForm:
         """The coefficients in cv2's order, and cv2's flags that free the same coefficients."""
         flags = [f for n, names in _FLAGS.items() if self.count >= n for f in names]
-        free = self.names[self._own :]
-        return OpenCVForm("calibrateCamera", params[self._own :].copy(), tuple(flags), free)
+        return OpenCVForm("calibrateCamera", params[self._own :].copy(), tuple(flags))
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
         """A typical webcam lens, a longer one, and for the larger models their additional terms."""

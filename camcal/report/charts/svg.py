@@ -131,7 +131,7 @@ def _axes(frame: _Frame) -> str:
         ]
     else:  # only as many as fit
         slots = frame.x(np.arange(len(bars.names)))
-        names = [_shortened(n, LONGEST_NAME) for n in bars.names]
+        names = [_shortened(n) for n in bars.names]
         step = math.ceil((max(map(len, names)) + 1) * LETTER * len(names) / frame.width)
         parts += [
             f'<text class="tick{" odd" if i // step % 2 and len(slots) > MANY_NAMES else ""}" text-anchor="middle" '
@@ -152,9 +152,9 @@ def _axes(frame: _Frame) -> str:
     return "".join(parts)
 
 
-def _shortened(name: str, room: int) -> str:
+def _shortened(name: str) -> str:
     stem = name.rpartition(".")[0] or name
-    return stem if len(stem) <= room else "…" + stem[-(room - 1) :]
+    return stem if len(stem) <= LONGEST_NAME else "…" + stem[-(LONGEST_NAME - 1) :]
 
 
 def _legend(layers: list, frame: _Frame) -> str:
