@@ -151,11 +151,7 @@ def _inside(solution: Calibration, linear: Covariance) -> tuple[End, Array] | No
     lens, data = solution.camera.lens, solution.observations
     if (solution.free != 0).sum(0).max() > 1:
         return None
-    held: dict[str, float | None] = {
-        n: v
-        for n, v, free in zip(lens.names, solution.camera.params, np.any(solution.free, axis=1), strict=True)
-        if not free
-    }
+    held: dict[str, float | None] = {n: solution.camera.values[n] for n in solution.held}
     size = int(solution.free.any(0).sum())
     for spec in reversed(contained(lens)):
         inner = make(spec, lens.has_skew)

@@ -48,6 +48,14 @@ class Pose:
         """The form in files: `rotation_vector`, rad, and `translation`."""
         return {"rotation_vector": self.rotation_vector.tolist(), "translation": self.translation.tolist()}
 
+    def moved(self, step: Array) -> Pose:
+        """exp(δ) R, t + τ after a step (δ, τ) (6,): the variables in which poses are estimated."""
+        return Pose(so3.exp(step[:3]) @ self.rotation, self.translation + step[3:])
+
+    def step_to(self, other: Pose) -> Array:
+        """The step (6,) by which `moved` reaches another pose."""
+        return np.r_[so3.log(other.rotation @ self.rotation.T), other.translation - self.translation]
+
     @property
     def rotation_vector(self) -> Array:
         """The rotation vector (..., 3): the axis times the angle, 0 to π rad."""

@@ -22,7 +22,7 @@ from dataclasses import replace
 import numpy as np
 
 from camcal.errors import EstimationError, UsageError
-from camcal.geometry import rotations
+from camcal.geometry import projective, rotations
 from camcal.geometry.picture import in_picture
 from camcal.model.camera import Camera
 from camcal.model.lenses.undistort import GROWTH, bisected, border_grid
@@ -257,7 +257,7 @@ def _flat(rays: Array, projection: str, axis: int) -> Array:
 
 def _unflat(m: Array, projection: str, axis: int) -> Array:
     if projection == PERSPECTIVE:
-        rays = np.concatenate([m, np.ones((*m.shape[:-1], 1))], -1)
+        rays = projective.homogeneous(m)
         return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     latitude, longitude = m[..., axis], m[..., 1 - axis]
     shown = (np.abs(latitude) <= WIDEST[projection]) & (np.abs(longitude) <= np.pi)

@@ -183,7 +183,7 @@ def _needs_guess(task: Task) -> bool:
     """
     solution = task.solution
     flat = all(np.abs(xyz[:, 2]).max() == 0 for xyz, _ in task.views)
-    held = {n for n, row in zip(solution.camera.lens.names, solution.free, strict=True) if not row.any()}
+    held = solution.held.keys()
     bent = any(solution.camera.values[n] != 0 for n in held & set(COEFFICIENTS))
     return not flat or bent or bool(held & {"fx", "fy", "cx", "cy"})
 

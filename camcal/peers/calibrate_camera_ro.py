@@ -22,7 +22,7 @@ from camcal.model.pose import Array, Poses
 from camcal.peers import refinement
 from camcal.peers.base import LEAST_POINTS, Entry, NotComparableError, Result, Task, entry
 from camcal.peers.calibrate_camera import answer, begin, camera_of, criteria, refusals, rms_of, where
-from camcal.solve.board import settle
+from camcal.solve.board import gauge_points, settle
 from camcal.solve.board_points import on_board
 from camcal.solve.calibration import Calibration
 from camcal.solve.common_points import common_points
@@ -162,11 +162,7 @@ def run(task: Task, guess: Camera | None) -> Result:
 
 def _gauge_order(points: Array) -> Array:
     """An order (M,) that starts with two points far apart and ends with one far from their line."""
-    a = int(np.linalg.norm(points - points.mean(0), axis=1).argmax())
-    b = int(np.linalg.norm(points - points[a], axis=1).argmax())
-    along = (points[b] - points[a]) / np.linalg.norm(points[b] - points[a])
-    across = (points - points[a]) - np.outer((points - points[a]) @ along, along)
-    c = int(np.linalg.norm(across, axis=1).argmax())
+    a, b, c = gauge_points(points)
     return np.array([a, b, *(i for i in range(len(points)) if i not in (a, b, c)), c])
 
 

@@ -317,7 +317,7 @@ def _in_sigmas(fit: RigCalibration, theirs: Pose) -> float:
     """The joint difference of the relative pose's six numbers in standard deviations."""
     name = next(iter(fit.extrinsics))
     ours, at = fit.rig.cam_from_rig[name], fit.extrinsics[name]
-    delta = np.r_[rotations.log(theirs.rotation @ ours.rotation.T), theirs.translation - ours.translation]
+    delta = ours.step_to(theirs)
     spread = covariance(fit).free[at, at]
     return float(np.sqrt(max(delta @ np.linalg.lstsq(spread, delta, rcond=None)[0], 0.0)))
 

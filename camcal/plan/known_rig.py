@@ -74,7 +74,7 @@ def evaluate_rig(
     pictures = pictures_of(fits, views, together)
     places = Poses.stack([some.cam_from_rig[n] for n in views.parts])
     _check_scale(pictures, places, together)
-    together, poses, _ = placed(pictures, places, together, symmetries(together), corners_of(together))
+    together, poses, _ = placed(pictures, places, together, symmetries(together), corners_of(together.xyz))
     fix = {f"{n}.{p}": None for n, c in some.cameras.items() for p in c.lens.names}
     how = How(fix, hold_rig=True, board=board_kind(together))
     fit = _judged(refine(some, poses, together, how), how, method)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import field, fields, replace
 from typing import Any, Self
 
 from camcal.model.lenses.base import Lens
@@ -29,6 +29,12 @@ class Options(CalibrationOptions):
         own = {n: keywords.pop(n) for n in ("refine_points", "stopping", "lowest") if n in keywords}
         made = super().resolve(**keywords)
         return replace(made, **own) if own else made  # replacing converts all values once more
+
+    @classmethod
+    def of_rig(cls, asked: CalibrationOptions, **own: Any) -> Self:
+        """The options of a rig that concern one camera; its model, its `fix` and other options of its own are `own`."""
+        shared = {f.name: getattr(asked, f.name) for f in fields(CalibrationOptions)}
+        return cls(**{n: v for n, v in shared.items() if n not in ("model", "fix")} | own)
 
     def how(self, lens: Lens, held: Mapping[str, float | None] | None = None) -> How:
         """The settings of every fit; `held` are parameters that the closed form had to assume."""

@@ -28,7 +28,6 @@ from camcal.plan.progress import Attempt, Change, Progress, advance, follow
 from camcal.plan.rig_boards import Layout, arranged
 from camcal.plan.rig_cameras import Alone, alone, check_options, fixed_of, pictures_of
 from camcal.plan.solution import RigSolution
-from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.rig import RigOptions
 from camcal.solve import outliers, robust
 from camcal.solve.calibration import RigCalibration, Stage
@@ -122,10 +121,7 @@ def _begun(
     if asked.robust in ("none", "auto"):
         data = replace(data, weight=None)
     fix = {f"{n}.{p}": v for n, a in cameras.items() for p, v in a.fix.items()}
-    shared = {
-        f.name: getattr(asked, f.name) for f in fields(CalibrationOptions) if f.name not in ("model", "fix")
-    }
-    options = Options(**shared)
+    options = Options.of_rig(asked)
     how = How(fix, options.optimizer, options.stopping, options.normalise, board_kind(data))
     first = next(iter(cameras.values())).fit.camera.lens
     notes = {"cameras": cameras, "pictures": pictures_of({n: a.fit for n, a in cameras.items()}, views, data)}
@@ -147,7 +143,7 @@ def _link(progress: Progress) -> Change:
     """The relative poses of the cameras, and the boards before them, from each camera alone."""
     begin = time.perf_counter()
     data, pictures = progress.data, progress.notes["pictures"]
-    turns, corners = symmetries(data), corners_of(data)
+    turns, corners = symmetries(data), corners_of(data.xyz)
     known = links(pictures, turns, corners, len(data.cameras))
     relative, tree = spanning_tree(known, data.cameras)
     data, poses, turned = placed(pictures, relative, data, turns, corners)

@@ -36,7 +36,7 @@ from camcal.routes.hand_eye.closed_forms import length_unit, scaled
 from camcal.routes.hand_eye.equation import residuals
 from camcal.routes.hand_eye.views import Views
 from camcal.solve.calibration import Calibration
-from camcal.solve.rig_start import Link, link
+from camcal.solve.rig_start import Link, corners_of, link
 
 Array = np.ndarray
 
@@ -124,7 +124,8 @@ def layout(
     boards, turns = _Groups(len(names)), board_turns(fits)
     if asked == "moving" and max(map(len, turns)) == 1:
         return Layout(tuple(range(len(names))), tuple(boards.poses))
-    sights, corners = _sights(fits, views, turns), _corners(fits)
+    sights = _sights(fits, views, turns)
+    corners = corners_of(np.concatenate([f.observations.xyz for f in fits.values()]))
     cameras = _Groups(len(fits))
     if rig is not None:
         cameras.of[:] = 0
@@ -198,13 +199,6 @@ def _sights(fits: Mapping[str, Calibration], views: RigViews, turns: Turns) -> _
             variance.append(float(own[i]))
     camera, board, instant = np.array(rows).T
     return _Sights(camera, board, instant, tuple(named), np.array(variance), Poses.stack(poses))
-
-
-def _corners(fits: Mapping[str, Calibration]) -> Array:
-    """Four points (4, 3) that span the boards."""
-    xyz = np.concatenate([f.observations.xyz for f in fits.values()])
-    low, high = xyz.min(0), xyz.max(0)
-    return np.array([[x, y, (low[2] + high[2]) / 2] for x in (low[0], high[0]) for y in (low[1], high[1])])
 
 
 def _seen(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,6 @@ from camcal.plan.options import Options
 from camcal.plan.run import solved, usable
 from camcal.plan.solution import Solution, of_fit
 from camcal.records import dataclass
-from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.rig import RigOptions, check_names
 from camcal.solve import starts
 from camcal.solve.calibration import Calibration, RigCalibration
@@ -80,11 +78,8 @@ def alone(name: str, data: Observations, asked: RigOptions, refine_points: bool 
 
 def _options(name: str, asked: RigOptions, model: str, refine_points: bool | None) -> Options:
     """The options of one of the cameras: its own model and held parameters; the board as designed."""
-    shared = {
-        f.name: getattr(asked, f.name) for f in fields(CalibrationOptions) if f.name not in ("model", "fix")
-    }
     fix = fixed_of(name, model, asked)
-    return Options(**{**shared, "board_shape": "flat"}, model=model, fix=fix, refine_points=refine_points)
+    return Options.of_rig(asked, board_shape="flat", model=model, fix=fix, refine_points=refine_points)
 
 
 def fixed_of(name: str, model: str, asked: RigOptions) -> dict[str, float | None]:

@@ -133,7 +133,9 @@ def _seen(rig: RigSolution, views: RigViews, robust: str) -> tuple[Observations,
         fits[name] = evaluate(rig.rig.cameras[name], part, robust)
     data = joined({n: f.observations for n, f in fits.items()}, views.instants, views.order)
     places = Poses.stack([rig.rig.cam_from_rig[n] for n in names])
-    data, poses, _ = placed(pictures_of(fits, views, data), places, data, symmetries(data), corners_of(data))
+    data, poses, _ = placed(
+        pictures_of(fits, views, data), places, data, symmetries(data), corners_of(data.xyz)
+    )
     return data, poses
 
 

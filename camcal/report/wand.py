@@ -30,7 +30,7 @@ from camcal.routes.triangulate import sorted_images, triangulate
 from camcal.routes.wand import WandCalibration, estimate
 from camcal.routes.wand_fit import Sightings
 from camcal.settings.rig import check_names
-from camcal.solve.parameters import apply_fixed
+from camcal.solve.parameters import nominal
 
 Array = np.ndarray
 
@@ -144,10 +144,7 @@ def _given(
             f"neither the camera '{name}' nor the size of its pictures is given.",
             f"Give --cameras {name}=CAMERA, or --image-size WxH.",
         )
-    lens = lenses.make(model)
-    f = float(max(size))
-    params = lens.pinhole(f, f, (size[0] - 1) / 2, (size[1] - 1) / 2)
-    return Camera(lens, apply_fixed(lens, params, dict(fix)), size), False
+    return nominal(lenses.make(model), size, fix), False
 
 
 def _camera(index: int, found: WandCalibration) -> dict[str, Any]:

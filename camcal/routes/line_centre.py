@@ -17,7 +17,8 @@ from camcal.model.camera import Camera
 from camcal.model.pose import Array
 from camcal.routes import assumed_centre
 from camcal.routes.line_geometry import Lines
-from camcal.routes.lines import LineFit, fit, foreseen, nominal
+from camcal.routes.lines import LineFit, fit, foreseen
+from camcal.solve.parameters import nominal
 
 
 def fit_centred(

@@ -19,7 +19,8 @@ from camcal.model.lenses.regress import regress
 from camcal.model.pose import Array
 from camcal.routes.line_centre import fit_centred, with_doubt
 from camcal.routes.line_geometry import Lines, distances
-from camcal.routes.lines import LEAST_POINTS, LineFit, held, nominal
+from camcal.routes.lines import LEAST_POINTS, LineFit, held
+from camcal.solve.parameters import nominal
 
 BRIDGE = "division:2"
 #: First coefficients of the division model, f the longer side, from strong barrel to pincushion. Neighbouring

@@ -36,7 +36,7 @@ from camcal.routes.line_geometry import (
     slopes,
     tangents,
 )
-from camcal.solve.parameters import apply_fixed, free_matrix
+from camcal.solve.parameters import free_matrix
 
 LEAST_POINTS = 4  #: of a line: two define it, the others show whether it is bent
 LEAST_LINES = 2  #: a single line is straight under infinitely many distortions
@@ -116,13 +116,6 @@ class LineFit:
 class _State:
     params: Array
     normals: Array
-
-
-def nominal(lens: Lens, image_size: tuple[int, int], fix: Mapping[str, float | None]) -> Camera:
-    """The lens without distortion: f is the longer side, the principal point central, with the values of `fix`."""
-    f = float(max(image_size))
-    params = lens.pinhole(f, f, (image_size[0] - 1) / 2, (image_size[1] - 1) / 2)
-    return Camera(lens, apply_fixed(lens, params, dict(fix)), image_size)
 
 
 def held(lens: Lens, fix: Mapping[str, float | None]) -> dict[str, float | None]:

@@ -19,7 +19,7 @@ from camcal.errors import DataError
 from camcal.model.pose import Array
 from camcal.routes import epipolar
 from camcal.routes.bundle import Tracks
-from camcal.routes.read_lines import read_gray
+from camcal.routes.read_lines import read_gray, same_size
 
 #: largest number of pictures: matching the pairs of 100 takes some minutes
 MOST_PICTURES = 100
@@ -92,13 +92,7 @@ def _points(files: Sequence[Path]) -> tuple[list[Points], tuple[int, int]]:
     found, size = [], None
     for path in files:
         gray = read_gray(path, "view,point,u,v")
-        own = (gray.shape[1], gray.shape[0])
-        if size is not None and own != size:
-            raise DataError(
-                f"'{path}' has {own[0]}x{own[1]} px; {size[0]}x{size[1]} is needed.",
-                "All pictures of a camera must have the same size.",
-            )
-        size = own
+        size = same_size(path, gray, size)
         found.append(points_of(gray, MOST_POINTS, LONGEST, CONTRAST))
     assert size is not None
     return found, size

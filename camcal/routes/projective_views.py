@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.geometry import homography
+from camcal.geometry import homography, rotations
 from camcal.least_squares.scales import MAD
 from camcal.model.pose import Array
 from camcal.routes.bundle import Tracks
@@ -79,7 +79,7 @@ class _State:
 
     def begin(self, pair: Pair, f: Array) -> None:
         e = np.linalg.svd(f)[0][:, 2]
-        cross = np.array([[0, -e[2], e[1]], [e[2], 0, -e[0]], [-e[1], e[0], 0]])
+        cross = rotations.skew(e)
         self.cameras[pair.first] = np.eye(3, 4)
         self.cameras[pair.second] = np.c_[cross @ f / np.linalg.norm(f), e]
         wrong = pair.matches[~pair.agree].ravel()

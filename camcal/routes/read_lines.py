@@ -64,19 +64,24 @@ def _of_tables(paths: Sequence[str | os.PathLike], image_size: tuple[int, int] |
     return Lines.of(parts, names, size)
 
 
+def same_size(path: Path, gray: Array, size: tuple[int, int] | None) -> tuple[int, int]:
+    """The size of a picture; DataError if it is not `size`."""
+    own = (gray.shape[1], gray.shape[0])
+    if size is not None and own != tuple(size):
+        raise DataError(
+            f"'{path}' has {own[0]}x{own[1]} px; {size[0]}x{size[1]} is needed.",
+            "All pictures of a camera must have the same size.",
+        )
+    return own
+
+
 def _of_pictures(paths: list[Path], image_size: tuple[int, int] | None) -> Lines:
     parts: list[Array] = []
     names: list[str] = []
     size = image_size
     for path, name in zip(paths, view_ids(paths), strict=True):
         gray = read_gray(path)
-        own = (gray.shape[1], gray.shape[0])
-        if size is not None and own != tuple(size):
-            raise DataError(
-                f"'{path}' has {own[0]}x{own[1]} px; {size[0]}x{size[1]} is needed.",
-                "All pictures of a camera must have the same size.",
-            )
-        size = own
+        size = same_size(path, gray, size)
         found = find_lines(gray)
         parts += found
         names += [f"{name}:{i + 1}" for i in range(len(found))]

@@ -22,7 +22,7 @@ from camcal.routes.line_geometry import Lines
 from camcal.routes.scene_fit import Scene, fit_scene
 from camcal.routes.scene_start import frames
 from camcal.routes.scene_vote import LEAST_LINES, Seen, families, seen_lines
-from camcal.solve.parameters import apply_fixed
+from camcal.solve.parameters import nominal
 
 #: The focal length is undetermined if its relative sigma exceeds this: 95 % intervals from half to double
 FOCAL = 0.25
@@ -58,7 +58,7 @@ def estimate(
     assert lines.image_size is not None
     fix = {"aspect": None, **fix} if "fy" not in fix else dict(fix)
     fix = {**dict.fromkeys(lens.default_fixed), **fix}
-    start = _start(lens, lines.image_size, fix)
+    start = nominal(lens, lines.image_size, fix)
     seen = seen_lines(lines, picture)
     order = np.argsort(-seen.length, kind="stable")
     focal = float(start.params[0]) if "fx" in fix else None
@@ -69,11 +69,6 @@ def estimate(
         raise _one_direction(lines)
     best = _judged(lines, max(found, key=lambda s: s.likelihood), fix, seen)
     return _out_of_square(lines, best, fix, seen) if picture else best
-
-
-def _start(lens: Lens, size: tuple[int, int], fix: Mapping[str, float | None]) -> Camera:
-    params = lens.pinhole(max(size), max(size), (size[0] - 1) / 2, (size[1] - 1) / 2)
-    return Camera(lens, apply_fixed(lens, params, dict(fix)), size)
 
 
 def _centre(camera: Camera) -> dict[str, float | None]:

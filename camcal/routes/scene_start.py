@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from camcal.geometry.projective import homogeneous
+
 Array = np.ndarray
 
 #: samples: one in thirty is correct if a fifth of the lines is clutter and no family dominates the rest
@@ -71,7 +73,7 @@ def _sampled(own: Array, rng: np.random.Generator, focal: float | None) -> tuple
     count = len(own)
     if count < SAMPLE:
         return np.zeros(0), np.zeros((0, 3, 3))
-    lines = np.cross(_homogeneous(own[:, 0]), _homogeneous(own[:, 1]))
+    lines = np.cross(homogeneous(own[:, 0]), homogeneous(own[:, 1]))
     lines /= np.linalg.norm(lines, axis=1, keepdims=True)
     length = np.linalg.norm(own[:, 1] - own[:, 0], axis=1)
     chosen = rng.choice(count, (SAMPLES, SAMPLE), p=length / length.sum())
@@ -104,15 +106,11 @@ def _misses(ends: Array, f: Array, rotation: Array) -> Array:
     points = (
         rotation * np.stack([f, f, np.ones(len(f))], 1)[:, :, None]
     )  # (H, 3, 3): a vanishing point a column
-    middle = _homogeneous(ends.mean(1))
+    middle = homogeneous(ends.mean(1))
     through = np.cross(middle[None, :, None], np.swapaxes(points, 1, 2)[:, None])
-    end = _homogeneous(ends[:, 0])
+    end = homogeneous(ends[:, 0])
     off = np.abs(np.einsum("hnfi,ni->hnf", through, end))
     return off / np.maximum(np.linalg.norm(through[..., :2], axis=-1), 1e-12)
-
-
-def _homogeneous(uv: Array) -> Array:
-    return np.concatenate([uv, np.ones((*uv.shape[:-1], 1))], -1)
 
 
 def _same(f: float, rotation: Array, g: float, other: Array) -> bool:

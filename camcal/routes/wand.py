@@ -102,9 +102,7 @@ class WandCalibration:
             move = np.zeros((3, size))
             if index:
                 at = begin + 6 * (index - 1)
-                t = pose.translation
-                cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
-                move[:, at : at + 3] = -pose.rotation.T @ cross
+                move[:, at : at + 3] = -pose.rotation.T @ rotations.skew(pose.translation)
                 move[:, at + 3 : at + 6] = -pose.rotation.T
             centres.append(pose.centre)
             moves.append(move)
@@ -213,10 +211,7 @@ def _change(found: WandCalibration, other: Wand) -> Array:
         np.linalg.pinv(f) @ (b.params - a.params)
         for f, a, b in zip(found.frees, wand.cameras, other.cameras, strict=True)
     ]
-    poses = [
-        np.r_[rotations.log(b.rotation @ a.rotation.T), b.translation - a.translation]
-        for a, b in zip(wand.poses[1:], other.poses[1:], strict=True)
-    ]
+    poses = [a.step_to(b) for a, b in zip(wand.poses[1:], other.poses[1:], strict=True)]
     return np.concatenate([*cameras, *poses])
 
 

@@ -156,13 +156,7 @@ class _Problem:
             for c, f, a, b in zip(wand.cameras, self.frees, self.begins, self.begins[1:], strict=False)
         )
         steps = step[self.begins[-1] :].reshape(-1, 6)
-        poses = (
-            wand.poses[0],
-            *(
-                Pose(rotations.exp(s[:3]) @ p.rotation, p.translation + s[3:])
-                for p, s in zip(wand.poses[1:], steps, strict=True)
-            ),
-        )
+        poses = (wand.poses[0], *(p.moved(s) for p, s in zip(wand.poses[1:], steps, strict=True)))
         points, directions = wand.points.copy(), wand.directions.copy()
         points[self.bars] += own[:, :3]
         d = directions[self.bars] + np.einsum("bik,bk->bi", tangents(directions[self.bars]), own[:, 3:])

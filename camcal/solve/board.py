@@ -122,6 +122,15 @@ def _print(points: Array, counts: Array) -> Array:
     return np.c_[_bowl(points, counts), basis.reshape(-1, 2)]
 
 
+def gauge_points(points: Array) -> tuple[int, int, int]:
+    """Two points (M, 3) far apart, and one far from their line."""
+    a = int(np.linalg.norm(points - points.mean(0), axis=1).argmax())
+    from_a = points - points[a]
+    b = int(np.linalg.norm(from_a, axis=1).argmax())
+    along = from_a[b] / np.linalg.norm(from_a[b])
+    return a, b, int(np.linalg.norm(from_a - np.outer(from_a @ along, along), axis=1).argmax())
+
+
 def _free(points: Array, counts: Array) -> Array:
     """Every coordinate of every point except the seven of the gauge: a and b are fixed and c keeps its height.
 
@@ -135,11 +144,7 @@ def _free(points: Array, counts: Array) -> Array:
             "Try: --board-shape bowl",
         )
     p = points[seen]
-    a = int(np.linalg.norm(p - p.mean(0), axis=1).argmax())
-    b = int(np.linalg.norm(p - p[a], axis=1).argmax())
-    along = (p[b] - p[a]) / np.linalg.norm(p[b] - p[a])
-    across = (p - p[a]) - np.outer((p - p[a]) @ along, along)
-    c = int(np.linalg.norm(across, axis=1).argmax())
+    a, b, c = gauge_points(p)
     held = np.zeros((len(points), 3), bool)
     held[counts < LEAST_VIEWS] = True
     held[[seen[a], seen[b]]] = True

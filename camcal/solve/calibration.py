@@ -205,6 +205,11 @@ class Calibration(Estimate):
         """The names of its parameters."""
         return tuple(self.camera.lens.names)
 
+    @property
+    def held(self) -> dict[str, float | None]:
+        """The parameters that were not estimated, as `fix` of another fit that holds them at its start."""
+        return {n: None for n, free in zip(self.names, np.any(self.free, axis=1), strict=True) if not free}
+
 
 @dataclass(frozen=True, kw_only=True)
 class RigCalibration(Estimate):

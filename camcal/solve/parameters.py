@@ -8,6 +8,7 @@ import numpy as np
 
 from camcal.errors import UsageError
 from camcal.model import lenses
+from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array
 
@@ -23,6 +24,13 @@ def check_held(model: str, skew: bool, fix: Mapping[str, float | None]) -> None:
     if model != "select":
         lens = lenses.make(lenses.ORDINARY if model == "auto" else model, skew)
         apply_fixed(lens, lens.neutral, fix)
+
+
+def nominal(lens: Lens, image_size: tuple[int, int], fix: Mapping[str, float | None]) -> Camera:
+    """The lens without distortion: f is the longer side, the principal point central, with the values of `fix`."""
+    f = float(max(image_size))
+    params = lens.pinhole(f, f, (image_size[0] - 1) / 2, (image_size[1] - 1) / 2)
+    return Camera(lens, apply_fixed(lens, params, dict(fix)), image_size)
 
 
 def apply_fixed(lens: Lens, params: Array, fix: Mapping[str, float | None]) -> Array:

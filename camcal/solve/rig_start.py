@@ -80,9 +80,9 @@ class Link:
 Links = Mapping[tuple[int, int], Link]
 
 
-def corners_of(data: Observations) -> Array:
-    """Four points (4, 3) that span the board."""
-    low, high = data.xyz.min(0), data.xyz.max(0)
+def corners_of(xyz: Array) -> Array:
+    """Four points (4, 3) that span a board with these points (N, 3)."""
+    low, high = xyz.min(0), xyz.max(0)
     return np.array([[x, y, (low[2] + high[2]) / 2] for x in (low[0], high[0]) for y in (low[1], high[1])])
 
 

@@ -19,7 +19,6 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import chdtri, fdtrc
 
-from camcal.geometry import rotations as so3
 from camcal.model.pose import Pose
 from camcal.records import dataclass
 from camcal.track.events import axis
@@ -163,8 +162,7 @@ class RigFollower:
 
     def place(self, camera: int, pose: Pose) -> Pose:
         """cam_from_rig with the changes found so far."""
-        step = self.baseline[6 * camera : 6 * camera + 6]
-        return Pose(so3.exp(step[:3]) @ pose.rotation, pose.translation + step[3:])
+        return pose.moved(self.baseline[6 * camera : 6 * camera + 6])
 
     # -------------------------------------------------------------------------------------------------- tests
     def test(self, window: Sequence[Instant], camera: int) -> Test:

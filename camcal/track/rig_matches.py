@@ -20,7 +20,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from camcal.geometry import rotations as so3
 from camcal.least_squares.scales import MAD, TUKEY
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
@@ -115,12 +114,9 @@ def instant_of_matches(
         step = -inverted @ (a.T @ (weight * e))
         if np.abs(a @ step).max() <= SETTLED * scale:
             break
-        places = [_moved(p, step[6 * k : 6 * k + 6]) for k, p in enumerate(places)]
+        places = [p.moved(step[6 * k : 6 * k + 6]) for k, p in enumerate(places)]
     per_match = _information(e, inside, rank) * len(e) / float(weight.sum())
-    moved = [
-        np.r_[so3.log(p.rotation @ r.rotation.T), p.translation - r.translation]
-        for p, r in zip(places, rig, strict=True)
-    ]
+    moved = [r.step_to(p) for p, r in zip(places, rig, strict=True)]
     _, a, b = _stacked(pairs, rig, by_rig)
     normal = per_match * a.T @ (weight[:, None] * a)
     made = Instant(
@@ -182,7 +178,3 @@ def epipolar(pair: PairMatches, places: Sequence[Pose]) -> tuple[Array, tuple[Ar
     lenses += np.einsum("ni,nif->nf", by_second, b.by_calibration)
     scaled = 1 / size[:, None]
     return (plane @ along) / size, (of_first * scaled, of_second * scaled), lenses * scaled
-
-
-def _moved(pose: Pose, step: Array) -> Pose:
-    return Pose(so3.exp(step[:3]) @ pose.rotation, pose.translation + step[3:])

@@ -26,6 +26,7 @@ from camcal.routes import (
     wand_start,
 )
 from camcal.routes.bundle import Tracks
+from camcal.solve.parameters import nominal
 from tests.routes.test_lines import lines_of
 from tests.sides import LESS, MORE
 
@@ -330,7 +331,7 @@ def test_focal_lengths_of_scenes():
 
 def test_parameters_that_lines_leave_undetermined(monkeypatch):
     """A direction that changes one parameter, and another by a part of it."""
-    seen, start = lines_of(PINHOLE, 12), lines.nominal(lenses.make("division:1"), SIZE, {})
+    seen, start = lines_of(PINHOLE, 12), nominal(lenses.make("division:1"), SIZE, {})
     found = lines._basis
     for share, undetermined in ((LESS, False), (MORE, True)):
 

@@ -22,7 +22,8 @@ from camcal.routes import between_lines, straightness
 from camcal.routes.distortion_first import at_focal_length, held_parameters, without_distortion
 from camcal.routes.line_geometry import Lines
 from camcal.routes.line_start import estimate
-from camcal.routes.lines import fit, held, inflation, nominal
+from camcal.routes.lines import fit, held, inflation
+from camcal.solve.parameters import nominal
 from tests.sides import LESS, MORE
 
 SIZE = (1280, 960)

@@ -40,7 +40,7 @@ def read_the_other_way_round(data, pictures, blocks):
 
 
 def start(data, pictures):
-    turns, corners = symmetries(data), corners_of(data)
+    turns, corners = symmetries(data), corners_of(data.xyz)
     found = links(pictures, turns, corners, len(data.cameras))
     relative, _ = spanning_tree(found, data.cameras)
     return relative, *placed(pictures, relative, data, turns, corners)
@@ -90,7 +90,7 @@ def test_a_static_board_is_not_turned():
 def test_a_camera_that_shares_no_instant_is_named():
     _, data, _, pictures = exact("abcd")
     apart = np.where(pictures.camera < 2, pictures.view * 2, pictures.view * 2 + 1)
-    found = links(replace(pictures, view=apart), symmetries(data), corners_of(data), 4)
+    found = links(replace(pictures, view=apart), symmetries(data), corners_of(data.xyz), 4)
     with pytest.raises(EstimationError, match=r"2 groups.*a and b; c and d") as error:
         spanning_tree(found, data.cameras)
     assert "connect" in error.value.hint
@@ -99,7 +99,7 @@ def test_a_camera_that_shares_no_instant_is_named():
 def test_the_tree_takes_the_links_that_know_most():
     """b and c saw one instant together, each of them saw all instants with a."""
     _, data, _, pictures = exact("abc")
-    found = links(pictures, symmetries(data), corners_of(data), 3)
+    found = links(pictures, symmetries(data), corners_of(data.xyz), 3)
     weak = {**found, (1, 2): replace(found[1, 2], information=1e-3)}
     assert sorted(spanning_tree(weak, data.cameras)[1]) == [(0, 1), (0, 2)]
     weak = {**found, (0, 2): replace(found[0, 2], information=1e-3)}

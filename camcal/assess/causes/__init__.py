@@ -182,12 +182,7 @@ def _with_rejected(solution: Calibration, given: Observations) -> Calibration:
         return solution
     rows = given.of_views(index)
     rows = replace(rows, sigma=_sigmas(data, rows), weight=None)
-    held = {
-        n: None
-        for n, free in zip(solution.camera.lens.names, np.any(solution.free, axis=1), strict=True)
-        if not free
-    }
-    how = How(held, stopping=Options(max_iterations=30))
+    how = How(solution.held, stopping=Options(max_iterations=30))
     try:
         return refine(solution.camera, Poses.stack(poses), rows.with_used(np.concatenate(used)), how)
     except CamcalError:

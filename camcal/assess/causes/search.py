@@ -298,7 +298,7 @@ class Search:
                     base.camera,
                     base.poses,
                     base.observations,
-                    How(_held(base), board=kind, stopping=_SHORT),
+                    How(base.held, board=kind, stopping=_SHORT),
                 )
             except CamcalError:
                 continue
@@ -361,14 +361,6 @@ def _of_camera(normal: NormalBlocks, free: int, noise: float) -> Array:
 
 def _log_choices(n: int, k: int) -> float:
     return lgamma(n + 1) - lgamma(k + 1) - lgamma(n - k + 1)
-
-
-def _held(base: Calibration) -> dict[str, float | None]:
-    """The fixed parameters of a fit, at their values."""
-    held: dict[str, float | None] = {
-        n: None for n, free in zip(base.camera.lens.names, np.any(base.free, axis=1), strict=True) if not free
-    }
-    return held
 
 
 def two_groups(values: Array, information: Array) -> Array | None:

@@ -108,18 +108,13 @@ def moved_without(facts: Facts, gross: Array) -> tuple[float, float]:
     rms over the part of the picture that points cover, at infinity, px. 0 if the fit without them fails.
     """
     solution = facts.solution
-    held = {
-        n: None
-        for n, free in zip(facts.camera.lens.names, np.any(solution.free, axis=1), strict=True)
-        if not free
-    }
     finite = solution.used & np.isfinite(solution.residuals).all(1)
     kept = finite.copy()
     kept[np.flatnonzero(finite)[gross]] = False
     try:
         rest = solution.observations.with_used(kept)
         other = refine(
-            solution.camera, solution.poses, rest, How(held, stopping=Options(max_iterations=STEPS))
+            solution.camera, solution.poses, rest, How(solution.held, stopping=Options(max_iterations=STEPS))
         )
     except CamcalError:
         return 0.0, np.inf

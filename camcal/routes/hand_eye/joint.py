@@ -161,7 +161,7 @@ class Joint:
         )
         offset = state.offset + (float(shared[12]) if self.timed else 0.0)
         camera = state.camera + shared[12 + self.timed :]
-        return Unknowns(image, _moved(state.x, shared[:6]), _moved(state.z, shared[6:12]), offset, camera)
+        return Unknowns(image, state.x.moved(shared[:6]), state.z.moved(shared[6:12]), offset, camera)
 
     def tried(self, trial: Trial) -> None:
         """Do nothing: the problem does not learn from trials."""
@@ -203,10 +203,6 @@ def prior(linear: Linear) -> tuple[Array, Array]:
 def solve(problem: Joint, start: Unknowns) -> Unknowns:
     """The minimum of (1) near a start."""
     return minimise(problem, start, Options(tolerance=1e-12)).state
-
-
-def _moved(pose: Pose, step: Array) -> Pose:
-    return Pose(so3.exp(step[:3]) @ pose.rotation, pose.translation + step[3:])
 
 
 def _from_centroid(c: Poses, offsets: Array) -> Array:
