@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from camcal.assess import figures
 from camcal.data.observations import Correspondences, View
 from camcal.geometry import rotations
 from camcal.model.camera import Camera
@@ -84,3 +85,16 @@ def solved(
     start = camera.params.copy()
     start[:4] *= 1.01
     return of_fit(refine(Camera(camera.lens, start, SIZE), poses, data, How(fix or {})))
+
+
+def dense_covariance(solution):
+    """sigma_0² (JᵀJ)⁻¹ of free parameters and poses, as one matrix."""
+    n = solution.normal
+    f, v = len(n.intrinsics), len(n.poses)
+    whole = np.zeros((f + 6 * v, f + 6 * v))
+    whole[:f, :f] = n.intrinsics
+    for i in range(v):
+        rows = slice(f + 6 * i, f + 6 * i + 6)
+        whole[:f, rows], whole[rows, :f], whole[rows, rows] = n.coupling[i], n.coupling[i].T, n.poses[i]
+    d = np.sqrt(np.diag(whole))
+    return figures.sigma_0(solution) ** 2 * np.linalg.inv(whole / np.outer(d, d)) / np.outer(d, d)

@@ -77,7 +77,7 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
         start, free = start_and_free(report.camera, camera)
         seen, places = decode(report.data, [v.id for v in report.views])
         poses = _poses([report.views[i] for i in places])
-        data = _with_inputs(seen, report, found)
+        data = replace(seen, image_sizes=(report.inputs.image_size,), **inputs_of(report, found))
         return Solution(camera=camera, start=start, **judged(report, found, camera, [free], poses, data))
 
 
@@ -186,19 +186,20 @@ def _poses(views: Sequence[View]) -> Poses:
     return Poses(rotations.exp(vectors), np.array([g.translation for g in given]).reshape(-1, 3))
 
 
-def _with_inputs(seen: Observations, report: Report, found: Mapping[str, Any]) -> Observations:
-    return replace(
-        seen,
-        image_sizes=(report.inputs.image_size,),
-        target=found["target"],
-        skipped=tuple(
-            SkippedView(v.id, v.status, v.reason or "", v.points, v.rms_point)
+def inputs_of(report: Report, found: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of observations that do not depend on the number of cameras."""
+    return {
+        "target": found["target"],
+        "skipped": tuple(
+            SkippedView(
+                v.id, v.status, v.reason or "", v.points, v.rms_point, None if v.camera is UNSET else v.camera
+            )
             for v in report.views
             if v.status != "used"
         ),
-        files=tuple(found["inputs"]["files"]),
-        picture_quality={v.id: v.quality for v in report.views if isinstance(v.quality, dict)},
-    )
+        "files": tuple(found["inputs"]["files"]),
+        "picture_quality": {v.id: v.quality for v in report.views if isinstance(v.quality, dict)},
+    }
 
 
 def board_of(target: Target | None, seen: Observations) -> ShapedBoard | None:

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 from camcal.data.formats.camcal import camera_of_entry, pose_of_entry
-from camcal.data.observations import Observations, SkippedView
+from camcal.data.observations import Observations
 from camcal.errors import DataError
 from camcal.model.pose import Poses
 from camcal.model.rig import Rig
 from camcal.plan.rig_cameras import solution_within
 from camcal.plan.solution import RigSolution, Solution
 from camcal.report.embedded import decode
-from camcal.report.loading import damage, judged, start_and_free
+from camcal.report.loading import damage, inputs_of, judged, start_and_free
 from camcal.report.loading import from_document as solution_of_document
 from camcal.report.yaml import read_document
 from camcal.schema import Report, check, structure
@@ -106,14 +106,7 @@ def _data(report: Report, found: Mapping[str, Any]) -> tuple[Observations, Poses
         image_sizes=tuple(
             tuple(c["image_size"]) if c["image_size"] else None for c in found["cameras"].values()
         ),
-        target=found["target"],
-        skipped=tuple(
-            SkippedView(v["id"], v["status"], v["reason"] or "", v["points"], v["rms_point"], v["camera"])
-            for v in found["views"]
-            if v["status"] != "used"
-        ),
-        files=tuple(found["inputs"]["files"]),
-        picture_quality={v["id"]: v["quality"] for v in found["views"] if "quality" in v},
+        **inputs_of(report, found),
         pictures={(v["camera"], v["instant"]): v["id"] for v in views if v["id"] != v["instant"]},
     )
     return data, Poses.stack([boards[i] for i in instants])

@@ -16,6 +16,7 @@ from camcal.report.table import (
     fit_table,
     number,
     parameters_table,
+    spaced,
     table,
     with_sigma,
 )
@@ -34,10 +35,7 @@ def tables(report: Document) -> RenderableType:
         parts.append(board_table(shape))
     if report["crosscheck"]:
         parts.append(crosscheck_table(report["crosscheck"]))
-    spaced: list[RenderableType] = []
-    for part in parts:
-        spaced += [part, Text("")]
-    return Group(*spaced[:-1])
+    return spaced(parts)
 
 
 def _places(rig: Mapping[str, Any]) -> RenderableType:
@@ -45,10 +43,7 @@ def _places(rig: Mapping[str, Any]) -> RenderableType:
         f"relative to {rig['reference']}", "camera", "x", "y", "z", "turned, deg", "sigma", "sigma, deg"
     )
     for name, pose in rig["cam_from_rig"].items():
-        cells = [f"{v:.6g}" for v in pose["translation"]]
-        angle = float(np.degrees(np.linalg.norm(pose["rotation_vector"])))
-        sigmas = [_length(pose[k]) for k in ("sigma_translation", "sigma_rotation_deg")]
-        made.add_row(escape(name), *cells, f"{angle:.5g}", *sigmas)
+        made.add_row(escape(name), *_cells(pose))
     distances = table("distances", "pair", "value", "sigma")
     for pair, found in (rig.get("baselines") or {}).items():
         distances.add_row(escape(pair), *with_sigma(found["value"], found["sigma"]))
@@ -61,11 +56,15 @@ def _places(rig: Mapping[str, Any]) -> RenderableType:
 def _boards(boards: Mapping[str, Any]) -> RenderableType:
     made = table("boards", "board", "before", "x", "y", "z", "turned, deg", "sigma", "sigma, deg")
     for name, pose in boards.items():
-        cells = [f"{v:.6g}" for v in pose["translation"]]
-        angle = float(np.degrees(np.linalg.norm(pose["rotation_vector"])))
-        sigmas = [_length(pose[k]) for k in ("sigma_translation", "sigma_rotation_deg")]
-        made.add_row(escape(name), escape(pose["reference"]), *cells, f"{angle:.5g}", *sigmas)
+        made.add_row(escape(name), escape(pose["reference"]), *_cells(pose))
     return made
+
+
+def _cells(pose: Mapping[str, Any]) -> list[str]:
+    """The translation, the angle, and the lengths of the standard deviations of both."""
+    angle = float(np.degrees(np.linalg.norm(pose["rotation_vector"])))
+    sigmas = [_length(pose[k]) for k in ("sigma_translation", "sigma_rotation_deg")]
+    return [*(f"{v:.6g}" for v in pose["translation"]), f"{angle:.5g}", *sigmas]
 
 
 def _length(sigma: Sequence[float] | None) -> str:

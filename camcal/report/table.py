@@ -6,7 +6,7 @@ Both take the document, not the solution, so that a report read from a file show
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -47,10 +47,12 @@ def tables(report: Document) -> RenderableType:
         parts.append(_stages(report["stages"]))
     if report["crosscheck"]:
         parts.append(crosscheck_table(report["crosscheck"]))
-    spaced: list[RenderableType] = []
-    for part in parts:
-        spaced += [part, Text("")]
-    return Group(*spaced[:-1])
+    return spaced(parts)
+
+
+def spaced(parts: Iterable[RenderableType]) -> RenderableType:
+    """The parts with an empty line between them."""
+    return Group(*[line for part in parts for line in (part, Text(""))][:-1])
 
 
 def summary(report: Document) -> RenderableType:

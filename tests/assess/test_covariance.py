@@ -11,25 +11,12 @@ from camcal.model.pose import Poses
 from camcal.solve.losses import LOSSES
 from camcal.solve.refine import How, refine
 from camcal.solve.robust import reweight
-from tests.solved import camera_of, grid, observe, rig, solved, tilted_poses
-
-
-def dense(solution):
-    """The inverse of JᵀJ as a whole, scaled."""
-    n = solution.normal
-    f, v = len(n.intrinsics), len(n.poses)
-    whole = np.zeros((f + 6 * v, f + 6 * v))
-    whole[:f, :f] = n.intrinsics
-    for i in range(v):
-        rows = slice(f + 6 * i, f + 6 * i + 6)
-        whole[:f, rows], whole[rows, :f], whole[rows, rows] = n.coupling[i], n.coupling[i].T, n.poses[i]
-    d = np.sqrt(np.diag(whole))
-    return figures.sigma_0(solution) ** 2 * np.linalg.inv(whole / np.outer(d, d)) / np.outer(d, d)
+from tests.solved import camera_of, dense_covariance, grid, observe, rig, solved, tilted_poses
 
 
 def test_it_is_that_of_the_whole_matrix():
     s = solved(views=6)
-    c, whole = covariance(s), dense(s)
+    c, whole = covariance(s), dense_covariance(s)
     p = s.camera.lens.size
     # the condition of the scaled matrix is about 1e5, so 1e-16 leaves 1e-11; a digit or two to spare
     assert np.allclose(c.matrix, whole[:p, :p], rtol=1e-8, atol=0)

@@ -15,24 +15,11 @@ from camcal.plan.calibrate import calibrate
 from camcal.solve.board import settle
 from camcal.solve.refine import How, refine
 from tests.shared_data import DATA, needs_data
-from tests.solved import camera_of, grid, observe, solved, tilted_poses
+from tests.solved import camera_of, dense_covariance, grid, observe, solved, tilted_poses
 
 #: two digits of a central difference with these steps are lost to curvature at most: 1e-4 of the result
 STEP = 1e-6
 PIXELS = np.array([[320.0, 240.0], [40.0, 60.0], [600.0, 420.0]])
-
-
-def dense_covariance(solution):
-    """sigma_0² (JᵀJ)⁻¹ of free parameters and poses, as one matrix."""
-    n = solution.normal
-    f, v = len(n.intrinsics), len(n.poses)
-    whole = np.zeros((f + 6 * v, f + 6 * v))
-    whole[:f, :f] = n.intrinsics
-    for i in range(v):
-        rows = slice(f + 6 * i, f + 6 * i + 6)
-        whole[:f, rows], whole[rows, :f], whole[rows, rows] = n.coupling[i], n.coupling[i].T, n.poses[i]
-    d = np.sqrt(np.diag(whole))
-    return figures.sigma_0(solution) ** 2 * np.linalg.inv(whole / np.outer(d, d)) / np.outer(d, d)
 
 
 def seen_after(solution, delta, rays, distance):

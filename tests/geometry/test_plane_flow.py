@@ -6,11 +6,10 @@ from hypothesis import strategies as st
 
 from camcal.geometry import rotations
 from camcal.geometry.plane_flow import LEAST_POINTS, fit_flow, flow_at
+from tests.solved import grid
 
 SIZE, FOCAL = (640, 480), 600.0
-BOARD = np.stack([*np.meshgrid(np.arange(9.0), np.arange(6.0)), np.zeros((6, 9))], -1).reshape(-1, 3) - [
-    4, 2.5, 0
-]  # fmt: skip
+BOARD = grid() - [4, 2.5, 0]
 
 
 def seen(turn, at):

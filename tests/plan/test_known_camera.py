@@ -11,8 +11,9 @@ from camcal.model.placement import simulate_poses
 from camcal.plan.known_camera import evaluate
 from camcal.study.cameras import example_camera
 from camcal.study.points import corner_rig, facing_corner, simulate_points
+from tests.solved import grid
 
-BOARD = np.stack([*np.meshgrid(np.arange(9.0), np.arange(6.0)), np.zeros((6, 9))], -1).reshape(-1, 3)
+BOARD = grid()
 
 
 def data_of(model, points, noise=0.0, base=None, views=5, outliers=0.0):

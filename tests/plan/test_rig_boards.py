@@ -11,7 +11,6 @@ from camcal.assess.covariance import covariance
 from camcal.assess.rig import board_sigmas, relative_sigmas
 from camcal.data.observations import Observations
 from camcal.errors import DataError, EstimationError
-from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
@@ -78,21 +77,19 @@ def calibrated(data, **options):
     )
 
 
-def off(found, true):
-    return np.r_[rotations.log(found.rotation @ true.rotation.T), found.translation - true.translation]
-
-
 def test_cameras_that_see_different_boards():
     rig = rig_of()
     data = seen(rig, ("front", "back"))
     assert not set(data.point[data.camera == 0] // 54) & set(data.point[data.camera == 1] // 54)
     solution = calibrated(data)
     accuracy = covariance(solution)
-    z = off(solution.rig.cam_from_rig["b"], rig.cam_from_rig["b"]) / relative_sigmas(solution, accuracy, "b")
+    z = rig.cam_from_rig["b"].step_to(solution.rig.cam_from_rig["b"]) / relative_sigmas(
+        solution, accuracy, "b"
+    )
     assert np.abs(z).max() < 4, z
     found = Pose.from_entry(solution.observations.target["board_poses"][1])
     true = BOARDS["front"].inverse() @ BOARDS["back"]
-    z = off(found, true) / board_sigmas(solution, accuracy)[0]
+    z = true.step_to(found) / board_sigmas(solution, accuracy)[0]
     assert np.abs(z).max() < 4, z
     said = next(s for s in solution.stages if s.name == "spanning-tree").info["boards"]
     assert said == ["a sees board front while b sees board back at 13 instants"]  # b misses it once
@@ -102,7 +99,7 @@ def test_exact_data_give_the_exact_rig():
     rig = rig_of()
     solution = calibrated(seen(rig, ("front", "back"), noise=0.0))
     assert solution.rms_point < 1e-6
-    assert np.abs(off(solution.rig.cam_from_rig["b"], rig.cam_from_rig["b"])).max() < 1e-4  # mm and rad
+    assert np.abs(rig.cam_from_rig["b"].step_to(solution.rig.cam_from_rig["b"])).max() < 1e-4  # mm and rad
 
 
 def test_the_report_reads_back(tmp_path):
@@ -125,7 +122,7 @@ def test_boards_in_one_picture_stand_fast_where_the_pictures_say_so():
     assert loose.observations.target["board_groups"] == [0, 1] and loose.board is None
     assert {v.partition(" board ")[2] for v in loose.observations.view_ids} == {"front", "side"}
     for solution in (fast, loose):
-        z = off(solution.rig.cam_from_rig["b"], rig.cam_from_rig["b"])
+        z = rig.cam_from_rig["b"].step_to(solution.rig.cam_from_rig["b"])
         assert np.abs(z / relative_sigmas(solution, covariance(solution), "b")).max() < 4
     forced = calibrated(seen(rig, ("front", "side"), turn=0.15, moves=("side",)), boards="fixed")
     assert forced.rms_point > 10 * loose.rms_point  # what moves does not fit as one
@@ -179,7 +176,7 @@ def test_each_of_several_boards_has_a_shape_of_its_own(bent, moves, shape):
     flat, solution = (calibrated(bent[moves], board_shape=s) for s in ("flat", shape))
     assert solution.rms_point < 0.95 * flat.rms_point
     accuracy = covariance(solution)
-    z = off(solution.rig.cam_from_rig["b"], rig_of(0.1).cam_from_rig["b"]) / relative_sigmas(
+    z = rig_of(0.1).cam_from_rig["b"].step_to(solution.rig.cam_from_rig["b"]) / relative_sigmas(
         solution, accuracy, "b"
     )
     assert np.abs(z).max() < 4, z
@@ -266,7 +263,7 @@ def test_boards_that_look_the_same_after_half_a_turn(turned, names, moves, board
     mixed = counted_from_either_end(data)
     one, found = (calibrated(d, boards=boards) for d in (data, mixed))
     assert found.rms_point == pytest.approx(one.rms_point, rel=1e-6)
-    apart = off(found.rig.cam_from_rig["b"], one.rig.cam_from_rig["b"])
+    apart = one.rig.cam_from_rig["b"].step_to(found.rig.cam_from_rig["b"])
     assert np.abs(apart).max() < 1e-6
     spanning = [next(s for s in each.stages if s.name == "spanning-tree") for each in (one, found)]
     assert spanning[0].info["turned_pictures"] == 0 < spanning[1].info["turned_pictures"]

@@ -16,10 +16,11 @@ from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.plan import boards
 from camcal.solve.refine import How
+from tests.solved import grid
 
 SIZE = (640, 480)
 CAMERA = Camera(lenses.make("opencv5"), np.array([600.0, 600, 322, 241, -0.25, 0.08, 0, 0, 0]), SIZE)
-GRID = np.stack([*np.meshgrid(np.arange(9.0), np.arange(6.0)), np.zeros((6, 9))], -1).reshape(-1, 3)
+GRID = grid()
 
 
 def film(time, depth, frames=16, noise=0.05):
