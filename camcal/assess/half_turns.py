@@ -70,7 +70,7 @@ class Turned:
 
 
 def decided(flat: Estimate, how: How) -> Turned | None:
-    """The fit with turned views counted from the other end; None if no view is rotated, or the data do not decide.
+    """The fit with rotated views numbered from the other end; None if no view is rotated, or the data do not decide.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def renamed(data: Observations, names: Collection[str], turn: Pose) -> Observati
 
 
 def turned(poses: Poses, view_ids: Sequence[str], names: Collection[str], turn: Pose) -> Poses:
-    """The poses (V,) of views, those of some after `renamed`: points stay where they are."""
+    """The poses (V,) of views, adjusted for those in `renamed` so that points keep their positions."""
     some = _among(view_ids, names)
     return Poses.stack([p @ turn.inverse() if s else p for p, s in zip(poses, some, strict=True)])
 
@@ -181,19 +181,19 @@ def _among(view_ids: Sequence[str], names: Collection[str]) -> Array:
 
 
 def _logarithm_of_chance(explained: float, numbers: int, left: float, freedom: int) -> float:
-    """ln of the probability that so many numbers explain as much by chance, beside the sum of squares left."""
+    """ln of the probability that this number of parameters explains as much by chance, given the remaining squares."""
     if freedom <= 0 or left <= 0:
         return -np.inf if explained > 0 else 0.0
     return log(max(f_exceeded(explained / numbers / (left / freedom), numbers, freedom), TINY))
 
 
 def _least(views: int) -> float:
-    """The least evidence at which turns of so many views are believed."""
+    """The minimum evidence at which half turns of this number of views are accepted."""
     return 2 * log(2) * views + EVIDENCE
 
 
 def _allowed(views: int) -> float:
-    """The largest of `_logarithm_of_chance` at which turns of so many views are believed: one in 2^(V-1) was chosen."""
+    """The maximum of `_logarithm_of_chance` at which half turns are accepted: one choice in 2^(V-1) was made."""
     return log(SIGNIFICANT) - (views - 1) * log(2)
 
 

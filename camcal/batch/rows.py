@@ -33,7 +33,7 @@ def unpacked(kept: bytes) -> Row:
 
 
 class Rows(Sequence[Row]):
-    """Rows in the order of the jobs; each is made when it is asked for, so that changes to it are lost.
+    """Rows in the order of the jobs; each is unpacked on access, so that changes to it are lost.
 
     Parameters
     ----------

@@ -187,7 +187,7 @@ def _report(job: Job, ahead: _Ahead | None) -> tuple[dict[str, Any], Any]:
 
 
 def _solved(job: Job) -> tuple[Any, Sequence[str], Sequence[str], dict[str, Any]]:
-    """Calibrate a job by itself: its solution, its sources and their local paths, and all its options."""
+    """Calibrate a single job: its solution, its sources and their local paths, and all its options."""
     from camcal.plan.calibrate import calibrate
 
     if job.kind == POINTS:

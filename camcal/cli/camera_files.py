@@ -52,7 +52,7 @@ def check(options: Mapping[str, Any]) -> None:
 
 
 def save(camera: Camera | Rig, options: Mapping[str, Any], command: list[str]) -> None:
-    """Write the camera or the rig to each target, in the format that is named or that of its ending.
+    """Write the camera or the rig to each target, in the format that is named or that of its extension.
 
     Raises
     ------

@@ -37,7 +37,7 @@ class LazyGroup(click.Group):
             formatter.write_dl([(name, text) for name, (_, text) in self.table.items()])
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Show the help for an empty command line and exit with code 2, whatever the version of click."""
+        """Show the help for an empty command line and exit with code 2, with any version of click."""
         if not args and not ctx.resilient_parsing:
             click.echo(self.get_help(ctx), err=True)
             ctx.exit(2)

@@ -34,7 +34,7 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
 
 
 def tables(found: dict[str, Any]) -> Any:
-    """Return what is shown of a report with `straightness`."""
+    """Return the tables shown for a report with `straightness`."""
     from rich.console import Group
     from rich.text import Text
 

@@ -166,7 +166,7 @@ def options(command: str) -> Callable[[Any], Any]:
 
 
 def _use_one_thread(ctx: click.Context, param: click.Parameter, value: bool) -> bool:
-    """With --reproducible, form sums in one order, whatever the number of processors."""
+    """With --reproducible, compute sums in one order, for any number of processors."""
     if value:
         from camcal.system.processes import use_one_thread
 

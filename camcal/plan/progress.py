@@ -264,7 +264,7 @@ def advance_all(
 def _after(
     attempt: Attempt, progress: Progress, change: Change | CamcalError | None, seconds: float
 ) -> Progress | CamcalError:
-    """The progress after an attempt; an error that says nothing about the data ends it."""
+    """The progress after an attempt; an error that does not concern the data ends it."""
     if isinstance(change, EstimationError | DataError):
         return progress.failed(attempt.name, change)
     if isinstance(change, CamcalError):

@@ -170,7 +170,7 @@ def _by_camera(sights: _Sights, turned: Array, names: Sequence[str]) -> dict[str
 
 
 def _placed_poses(sights: _Sights, cameras: _Groups, boards: _Groups, rows: Array) -> Poses:
-    """group of cameras from group of boards of some views, with each turn of the board, (R, K)."""
+    """group of cameras from group of boards of some views, with each symmetry of the board, (R, K)."""
     first = Poses.stack([cameras.poses[c] for c in sights.camera[rows]])
     last = Poses.stack([boards.poses[b].inverse() for b in sights.board[rows]])
     return Poses.of(first[:, None] @ sights.turned[rows] @ last[:, None])

@@ -41,7 +41,7 @@ Turns = tuple[tuple[Pose, ...], ...]
 
 
 def board_turns(fits: Mapping[str, Calibration]) -> Turns:
-    """The turns after which each of several boards looks the same, by all points that any camera saw of it."""
+    """The rotations after which each of several boards looks the same, from all its points that any camera saw."""
     data = [fit.observations for fit in fits.values()]
     count = len(names_of(data[0].target))
     found = []
@@ -218,7 +218,7 @@ def chosen_turns(poses: Poses, variance: Array, corners: Array) -> Array:
 
 
 def renamed(fit: Calibration, board: Mapping[str, int], turn: Mapping[str, int], turns: Turns) -> Calibration:
-    """A camera's fit with the points of some views renamed by a turn of their board, and the poses with them.
+    """A camera's fit with the points of some views renumbered by a symmetry of their board, and the poses accordingly.
 
     Parameters
     ----------

@@ -121,7 +121,7 @@ def turn_of(pair: Rectification, first: Array, second: Array) -> Turn:
 def _vertical_and_slopes(
     pair: Rectification, first: Array, second: Array, turn: Array
 ) -> tuple[Array, Array]:
-    """Vertical disparities (N,) after the second camera's rays are turned in the rectified frame, and slopes (N, 3)."""
+    """Vertical disparities (N,) after rotating the second camera's rays in the rectified frame, and slopes (N, 3)."""
 
     def vertical(extra: Array) -> Array:
         turned = rotations.exp(extra) @ rotations.exp(turn) @ pair.turns[1]

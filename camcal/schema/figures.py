@@ -43,7 +43,7 @@ class Fit(Section):
 
 
 class Place(Section):
-    """The place of the largest uncertainty."""
+    """The pixel of the largest uncertainty."""
 
     u: Annotated[Figure, key("px")]
     v: Annotated[Figure, key("px")]

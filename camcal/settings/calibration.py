@@ -23,15 +23,15 @@ class CalibrationOptions(Settings):
 
     model: str = setting(
         Name("model", "camcal.model.lenses:LENSES", also=("auto", "select"), metavar="NAME[:ARGS]"),
-        "Camera model; `camcal list models` names them. auto: opencv5 where it holds, else a wide-lens or a smaller "
-        "model; select: the best of the ranking that `camcal select` shows.",
+        "Camera model; `camcal list models` names them. auto: opencv5 if it is suitable, otherwise a "
+        "wide-lens or a smaller model; select: the best of the ranking that `camcal select` shows.",
         "auto",
         short="-m",
     )
     skew: bool = setting(Switch(), "Also estimate the skew of the pixel axes.", False)
     fix: Mapping[str, float | None] = setting(
         Assignments(),
-        "Fix parameters at VALUE or at their start; `aspect` means fy = fx.",
+        "Fix parameters at VALUE or at their initial value; `aspect` means fy = fx.",
         {},
         repeated=True,
     )
@@ -61,15 +61,15 @@ class CalibrationOptions(Settings):
     )
     crosscheck: bool | str = setting(
         SwitchOr("full"),
-        "Compare with OpenCV, which starts at the result and must stay there. `--crosscheck full`: every stage, and "
-        "OpenCV starts on its own, which takes as long as its calibrations.",
+        "Compare with OpenCV, which starts at the result and must stay there. `--crosscheck full`: "
+        "compare every stage, with OpenCV's own start, which takes as long as its calibrations.",
         True,
         in_python=False,  # a program that calls camcal should not pay for it unasked
         off="--no-crosscheck",
     )
     holdout: int | None = setting(
         Whole(0, metavar="K"),
-        "Calibrate K times without every K-th view and test the camera on it. By default 4 where that is quick; "
+        "Calibrate K times without every K-th view and test the camera on it. By default 4 if that is quick; "
         "0 disables it.",
     )
     max_rms: float | None = setting(

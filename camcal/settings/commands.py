@@ -165,7 +165,8 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         Option(
             "natural",
             SWITCH,
-            "The data are pictures of anything, NAME=PICTURES of two cameras of a rig taken at the same instants.",
+            "The data are pictures of arbitrary scenes, NAME=PICTURES of two cameras of a rig taken at "
+            "the same instants.",
             False,
         ),
         *BOARD,
@@ -189,7 +190,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
             "Distance from the camera, in the unit of the data; by default that of the boards, and infinity.",
             repeated=True,
         ),
-        replace(MAX_PX, help="A gate: exit code 1 where a sigma is larger."),
+        replace(MAX_PX, help="A gate: exit code 1 if a sigma is larger."),
         FORMAT,
         CONFIG,
     ),
@@ -204,7 +205,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
             _OF["robust"],
             kind=Words(("auto", "none", "lines")),
             help="lines rejects lines that are not straight compared with the others; auto does so in pictures only. "
-            "With both, points far from their line lose weight; none keeps all points and weights.",
+            "In both cases, points far from their line lose weight; none keeps all points and weights.",
             metavar="auto|none|lines",
         ),
         _CROSSCHECK,
@@ -212,7 +213,9 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
     ),
     "selfcalib": (
         replace(ONE_MODEL, default="opencv4"),
-        replace(_OF["fix"], help="Fix parameters at VALUE or at their start; fy = fx unless fy is given."),
+        replace(
+            _OF["fix"], help="Fix parameters at VALUE or at their initial value; fy = fx unless fy is given."
+        ),
         IMAGE_SIZE,
         Option(
             "save_tracks", OUT, "Write the tracks that were found in pictures, as a table view,point,u,v."
@@ -245,8 +248,8 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         Option(
             "bar",
             Places(),
-            "Length between two markers, or the place of each marker along the bar, markers in the order of their "
-            "names; in the unit of the result.",
+            "Length between two markers, or the position of each marker along the bar, in the order of "
+            "their names; in the unit of the result.",
             required=True,
         ),
         Option(
@@ -264,7 +267,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         ),
         replace(
             _OF["fix"],
-            help="Fix parameters of the others at VALUE or at their start; fy = fx by default.",
+            help="Fix parameters of the others at VALUE or at their initial value; fy = fx by default.",
         ),
         replace(IMAGE_SIZE, kind=IMAGE_SIZES, default={}, repeated=True),
         _CROSSCHECK,

@@ -27,7 +27,9 @@ COMPARE = (
     replace(MAX_PX, help="A gate: the largest difference of projection where both cameras have data."),
     replace(MAX_PX, name="max_rms_px", help="A gate: the root mean square of the differences there."),
     replace(MAX_PX, name="max_p95_px", help="A gate: their 95th percentile there."),
-    Option("max_sigma", POSITIVE, "A gate: the largest there in standard deviations.", metavar="N"),
+    Option(
+        "max_sigma", POSITIVE, "A gate: the largest difference there in standard deviations.", metavar="N"
+    ),
     Option(
         "tolerance",
         Assignments("NAME=VALUE,...", "fx=0.5,cx=0.5", values=True),
@@ -50,7 +52,9 @@ COMPARE_OPTIMIZERS = (
         "Optimizers to run, with variants such as lbfgs:scaled; all that `camcal list optimizers` names by default.",
         metavar="NAME,...",
     ),
-    Option("perturbed", Whole(0), "Number of starts displaced at random, besides the closed form's.", 3),
+    Option(
+        "perturbed", Whole(0), "Number of randomly perturbed starts, in addition to the closed form's.", 3
+    ),
     Option(
         "perturbation",
         POSITIVE,

@@ -120,7 +120,8 @@ class RigOptions(CalibrationOptions):
     )
     fix: Mapping[str, float | None] = setting(
         Assignments("[NAME.]PARAMETER[=VALUE],...", "left.fx,p1=0", qualified=True),
-        "Fix parameters of all cameras, or of one (left.fx), at VALUE or at their start; `aspect` means fy = fx.",
+        "Fix parameters of all cameras, or of one (left.fx), at VALUE or at their initial value; "
+        "`aspect` means fy = fx.",
         {},
         repeated=True,
     )
@@ -141,7 +142,7 @@ class RigOptions(CalibrationOptions):
     )
     lag: Mapping[str, int] = setting(
         Frames(),
-        "Correct cameras that are K frames late: the picture of number n is of the instant n - K.",
+        "Correct cameras that are K frames late: the picture with number n belongs to the instant n - K.",
         {},
         repeated=True,
     )

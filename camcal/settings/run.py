@@ -18,13 +18,13 @@ OUTPUT = Option("output", OUT, "Write the report (YAML) to FILE.", short="-o")
 #: of the main jobs
 OUTPUT_OR_CAMERA = replace(
     OUTPUT,
-    help="Write the report (YAML) to FILE; with another ending (.yml, .xml, .json, ...) the camera alone.",
+    help="Write the report (YAML) to FILE; with another extension (.yml, .xml, .json, ...) only the camera.",
 )
 SAVE_CAMERA = Option(
     "save_camera",
     Several(OUT),
-    "Write the camera too, in the format of FILE's ending or that of `camcal list formats` which is named before it "
-    "(kalibr:cam.yaml); may be given several times.",
+    "Write the camera too, in the format of FILE's extension or in one of `camcal list formats` given "
+    "before it (kalibr:cam.yaml); may be given several times.",
     metavar="[FORMAT:]FILE",
     repeated=True,
 )
@@ -47,7 +47,7 @@ POINTS2D = Option("points2d", FILE, "Table of their images (u v), in the same or
 MODELS = Option(
     "models",
     Text(),
-    "Specs, separated by ; or blanks (by commas where none has options); auto tries each kind once.",
+    "Specs, separated by ; or blanks (by commas if none has options); auto tries each kind once.",
     "auto",
     metavar="A;B;C|auto|all",
 )
@@ -66,8 +66,8 @@ CI = (
 REPRODUCIBLE = Option(
     "reproducible",
     SWITCH,
-    "The same report, byte for byte, from the same input, options and version: no times, one thread, inputs in the "
-    "order of their names.",
+    "The same report, byte for byte, from the same input, options and version: no times, one thread, "
+    "inputs in the order of their names.",
     False,
 )
 

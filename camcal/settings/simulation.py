@@ -24,7 +24,7 @@ _CAMERA = (
     Option(
         "values",
         Assignments("NAME=VALUE,...", "fx=800,k1=-0.1"),
-        "Values of the camera's parameters; the others are those of the model's first example.",
+        "Values of the camera's parameters; the others are taken from the model's first example.",
         flag="--set",
     ),
     Option("image_size", ImageSize(), "Size of the pictures; the example's by default."),
@@ -76,7 +76,7 @@ RIG = (
     Option(
         "pose",
         Numbers(6, "0,0,0,0,0,5"),
-        "cam_from_world of a single view: rotation vector (rad), translation; at random where not given.",
+        "cam_from_world of a single view: rotation vector (rad), translation; random if not given.",
         metavar="RX,RY,RZ,TX,TY,TZ",
     ),
     *_CAMERA,

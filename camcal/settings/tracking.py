@@ -52,10 +52,10 @@ class TrackOptions(Settings):
     velocity: bool = _setting(Switch(), "Constant velocity instead of a random walk.", False)
     sigma: float | None = _setting(
         POSITIVE,
-        "Noise of the image points; a factor where they bring sigmas. [default: estimated]",
+        "Noise of the image points; a factor if they have sigmas. [default: estimated]",
         metavar="PX",
     )
-    learn_noise: bool = _setting(Switch(), "Estimate a factor of the noise where points bring sigmas.", False)
+    learn_noise: bool = _setting(Switch(), "Estimate a factor of the noise if points have sigmas.", False)
     gate: float = _setting(
         Real(0, 0.5, above=True),
         "Probability of rejecting a good point as an outlier.",
@@ -71,7 +71,7 @@ class TrackOptions(Settings):
     )
     rate: float = _setting(
         POSITIVE,
-        "Frames per second that the drift refers to, where frames have times.",
+        "Frames per second that the drift refers to, if frames have times.",
         30.0,
         metavar="HZ",
     )
@@ -120,11 +120,12 @@ RUN = (
     Option(
         "natural",
         Switch(),
-        "With --rig: FRAMES are pictures or films of anything, NAME=PICTURES, or a table view,camera,point,u,v of "
+        "With --rig: FRAMES are pictures or films of arbitrary scenes, NAME=PICTURES, or a table "
+        "view,camera,point,u,v of "
         "points that cameras share; no board is needed.",
         False,
     ),
-    Option("fail_on_change", Switch(), "Exit code 1 where the camera has changed.", False),
+    Option("fail_on_change", Switch(), "Exit code 1 if the camera has changed.", False),
     Option("state", OUT, "Checkpoint: written during the run; a run with an existing one continues from it."),
     Option(
         "state_every",
@@ -135,7 +136,7 @@ RUN = (
     Option(
         "format",
         Words(("csv", "jsonl")),
-        "Format of the table. [default: jsonl where FILE ends in it, else csv]",
+        "Format of the table. [default: jsonl if FILE ends in .jsonl, else csv]",
         in_checkpoints=True,
     ),
     Option("covariance", Switch(), "Add the covariance of K, R, t to each row.", False, in_checkpoints=True),

@@ -22,14 +22,14 @@ UNDISTORT = (
     Option(
         "keep",
         KeptField(),
-        "The field that is kept: all pixels, the most without black, or a horizontal field of view.",
+        "The field that is kept: all pixels, the largest without black, or a horizontal field of view.",
         "all",
     ),
     Option("size", ImageSize(), "Size of the new pictures; by default that of the old ones."),
     Option(
         "projection",
         Words(("perspective", "equidistant")),
-        "Straight lines stay straight, or equal angles have equal lengths (for more than 160 degrees).",
+        "Straight lines stay straight, or equal angles have equal lengths (for fields above 160 degrees).",
         "perspective",
     ),
     INTERPOLATION,
@@ -52,7 +52,7 @@ RECTIFY = (
     Option(
         "alpha",
         Real(0, 1),
-        "0: the largest field without black in either picture; 1: all pixels of both; between: in proportion.",
+        "0: the largest field without black in either picture; 1: all pixels of both; between: interpolated.",
         0.0,
     ),
     Option("size", ImageSize(), "Size of the new pictures; by default that of the old ones."),

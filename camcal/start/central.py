@@ -101,7 +101,7 @@ def projection_matrix(
 
 
 def estimate(correspondences: Correspondences, skew: bool = False, normalise: bool = True) -> ClosedForm:
-    """K and the pose of a single view of points in space. The skew of M is kept in K, whatever `skew` is.
+    """K and the pose of a single view of points in space. The skew of M is kept in K, regardless of `skew`.
 
     Raises
     ------

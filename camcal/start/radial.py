@@ -255,7 +255,7 @@ def partial_pose(view: _View, offset: Array) -> tuple[Array, Array]:
 
 
 def turned(rotation: Array, sign: float) -> Array:
-    """The rotation with the other sign of r31, r32 where sign is -1: diag(1, 1, -1) R diag(1, 1, -1)."""
+    """The rotation with opposite signs of r31, r32 if sign is -1: diag(1, 1, -1) R diag(1, 1, -1)."""
     return rotation if sign > 0 else rotation * np.outer([1, 1, -1], [1, 1, -1])
 
 

@@ -1,4 +1,4 @@
-"""Plots of a table: parameters with bands, the matrix beside its reference, innovations, gain.
+"""Plots of a table: parameters with bands, the matrix with its reference, innovations, gain.
 
 Needs matplotlib (the extra `report`).
 """
@@ -193,7 +193,7 @@ def gains(columns: dict[str, Array]) -> Any:
 
 
 def matrix(columns: dict[str, Array], reference: Array | None = None) -> Any:
-    """The projection matrix beside its reference, as in Barranco & Medel's figure 2, and over time.
+    """The projection matrix with its reference, as in Barranco & Medel's figure 2, and over time.
 
     Left: the entries at the last frame. Right: the distance of each frame's matrix from the reference,
     relative, with what its own covariance expects.

@@ -1,4 +1,4 @@
-"""Streams of frames with known truth: a camera that is still, warms up, is knocked, turns, or zooms."""
+"""Streams of frames with known truth: a camera that is still, warms up, is knocked, rotates, or zooms."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ OF_A_VIEW = 8
 
 
 def least_fall(views: int, numbers: int) -> float:
-    """The relative sigma at which a cause with so many parameters is certain for any kind of noise.
+    """The relative sigma at which a cause with this number of parameters is certain for any kind of noise.
 
     The evidence for a cause, BIC = n ln(cost) + m ln n, assumes independent coordinates. Heavy-tailed noise may instead
     consist of errors of whole views, n = 8 V of them, and the criterion then decreases by `EVIDENCE` if

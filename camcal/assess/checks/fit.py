@@ -63,7 +63,7 @@ def not_converged(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def little_redundancy(facts: Facts) -> Iterator[CalibrationWarning]:
-    """Hardly more observations than unknowns: the rms is small whatever the errors are."""
+    """Hardly more observations than unknowns: the rms is small regardless of the errors."""
     unknown = facts.solution.free_count
     observed = unknown + figures.redundancy(facts.solution)
     if observed < REDUNDANT * unknown:

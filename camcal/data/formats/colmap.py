@@ -1,4 +1,4 @@
-"""COLMAP's cameras.txt and cameras.bin, with rigs.txt beside them.
+"""COLMAP's cameras.txt and cameras.bin, with rigs.txt in the same folder.
 
 The centre of the top-left pixel is (0.5, 0.5). Parameters: COLMAP, src/colmap/sensor/models.h.
 """
@@ -122,7 +122,7 @@ def _of_binary(data: bytes) -> list[tuple[int, str, Size, list[float]]]:
 
 
 def _rigs(source: Source) -> tuple[dict[int, Pose], tuple[str, ...]]:
-    """cam_from_rig by camera id, if rigs.txt beside the file describes one rig."""
+    """cam_from_rig by camera id, if rigs.txt in the same folder describes one rig."""
     beside = source.neighbour("rigs.txt")
     if beside is None or beside.kind != "text":
         return {}, ()

@@ -1,4 +1,4 @@
-"""RealityCapture's XMP beside a picture: lengths relative to the picture's longer side, Brown's terms, the pose."""
+"""RealityCapture's XMP file of a picture: lengths relative to the picture's longer side, Brown's terms, the pose."""
 
 from __future__ import annotations
 
