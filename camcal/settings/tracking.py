@@ -114,7 +114,7 @@ RUN = (
     Option(
         "rig",
         FILE,
-        "Report of `camcal rig`: FRAMES are what its cameras see of a board, as for `camcal rig`; the alarm goes where "
+        "Report of `camcal rig`: FRAMES are what its cameras see of a board, as for `camcal rig`; an alarm is raised if "
         "one was knocked.",
     ),
     Option(

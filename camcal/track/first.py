@@ -27,7 +27,7 @@ def fit(model: Model, frame: Frame, known: float | None, probability: float) -> 
     Parameters
     ----------
     known : float or None
-        Noise of the image points, px; a factor where they bring sigmas.
+        Noise of the image points, px; a factor if they have sigmas.
     probability : float
         Of taking a good point for an outlier.
 
