@@ -20,11 +20,11 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "weak-geometry": (
         "Views that differ only by shifts, or by rotations about the optical axis.",
-        "Tilt the board by 20 to 40 degrees, to the left, right, up and down; `camcal next REPORT` says where.",
+        "Tilt the board by 20 to 40 degrees, to the left, right, up and down; `camcal next REPORT` suggests poses.",
     ),
     "few-views": (
         "Too few pictures, or many in which the board was not found.",
-        "`camcal doctor IMAGES`, then more pictures.",
+        "Run `camcal doctor IMAGES`, then take more pictures.",
     ),
     "fronto-parallel-views": (
         "The board was parallel to the image in all pictures.",
@@ -37,7 +37,7 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "repeated-view": (
         "Two pictures of the same pose.",
-        "None is needed; the standard deviations count both.",
+        "Nothing; the standard deviations count both.",
     ),
     "mirrored-views": (
         "A board that looks the same from behind, a mirror, or corners numbered from the other end.",
@@ -66,46 +66,47 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "undetermined-parameters": (
         "More parameters than the data determine: a large lens model, a principal point from few tilts.",
-        "A smaller model (`-m opencv4`), `--fix NAME`, or pictures where `camcal next` says.",
+        "Use a smaller model (`-m opencv4`) or `--fix NAME`, or take the pictures that `camcal next` suggests.",
     ),
     "weak-parameters": (
         "Little tilt, or little of the picture covered.",
-        "More pictures with tilt: `camcal next REPORT`.",
+        "Take more pictures with tilt: `camcal next REPORT`.",
     ),
     "correlated-parameters": (
         "Two parameters have the same effect on these pictures, such as fx and the distance.",
-        "None is needed if the projection uncertainty is small (`camcal uncertainty`); otherwise more tilt.",
+        "Nothing if the projection uncertainty is small (`camcal uncertainty`); otherwise take pictures "
+        "with more tilt.",
     ),
     "points-outside-model": (
         "A model that cannot represent this lens.",
-        "`-m auto`, or a wide-lens model such as `kb4`.",
+        "Use `-m auto`, or a wide-lens model such as `kb4`.",
     ),
     "pictures-blurred": (
         "Out of focus.",
         "Focus at the distance of the board, then keep the focus fixed.",
     ),
-    "pictures-motion": ("The board or the camera moved.", "A tripod, more light, a shorter exposure."),
+    "pictures-motion": ("The board or the camera moved.", "Use a tripod, more light, or a shorter exposure."),
     "pictures-overexposed": (
         "White paper at full scale: edges of white squares move outwards.",
-        "A shorter exposure.",
+        "Use a shorter exposure.",
     ),
-    "pictures-flat": ("Little contrast.", "More light, a target in true black and white."),
+    "pictures-flat": ("Little contrast.", "Use more light, and a target in true black and white."),
     "pictures-rough": (
         "Noise from high gain, compression, or a textured print.",
-        "More light, no compression.",
+        "Use more light, and no compression.",
     ),
     "pictures-small": ("The board is far away.", "Move closer: the board should fill half of the picture."),
     "fold-in-image": (
         "A polynomial without data in the corners of the picture.",
-        "Pictures with the board in the corners, a smaller model, or a wide-lens model.",
+        "Take pictures with the board in the corners, or use a smaller model or a wide-lens model.",
     ),
     "image-circle": (
         "The picture's corners lie outside a fisheye's image circle.",
-        "None is needed: no point can lie there.",
+        "Nothing: no point can lie there.",
     ),
     "poor-coverage": (
         "The board was only in the middle.",
-        "Pictures with the board at the sides and in the corners.",
+        "Take pictures with the board at the sides and in the corners.",
     ),
     "points-outside-image": (
         "A wrong `--image-size`, u and v exchanged, or pictures that were resized.",
@@ -113,11 +114,11 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "few-points": (
         "Too few data for the number of unknowns.",
-        "More points or views, a smaller model, `--fix`.",
+        "Add points or views, use a smaller model, or `--fix` parameters.",
     ),
     "outliers": (
         "Wrong points that are used.",
-        "`--robust auto`, and check the points that the report names.",
+        "Use `--robust auto`, and check the points that the report names.",
     ),
     "large-residuals": (
         "A wrong board size, wrong correspondences, a lens that the model cannot follow.",
@@ -126,7 +127,7 @@ REMEDIES: dict[str, tuple[str, str]] = {
     "systematic-residuals": ("The lens model is too small.", "`-m auto`, or `camcal select DATA`."),
     "board-not-flat": (
         "Paper on cardboard, a printer that stretches.",
-        "`--board-shape auto`; glass or aluminium behind the print.",
+        "Use `--board-shape auto`, or mount the print on glass or aluminium.",
     ),
     "shifted-group": (
         "A column, row or mark mistaken for its neighbour, or measured wrongly.",
@@ -134,7 +135,7 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "circle-centres": (
         "Centres of a circle grid found as the centroids of their images (`cv2.findCirclesGrid`).",
-        "`camcal images --target circles:COLUMNSxROWS`, which corrects for it; or corners instead of circles.",
+        "Use `camcal images --target circles:COLUMNSxROWS`, which corrects for it, or corners instead of circles.",
     ),
     "noise-by-radius": (
         "A lens that is less sharp towards its border.",
@@ -142,7 +143,7 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "heavy-tailed-residuals": (
         "Some bad pictures or points among good ones.",
-        "`--robust auto`; check the worst views.",
+        "Use `--robust auto`, and check the worst views.",
     ),
     "light-tailed-residuals": (
         "Errors that are not noise: rounding, interpolation, a repeated pattern.",
@@ -151,11 +152,12 @@ REMEDIES: dict[str, tuple[str, str]] = {
     "rounded-coordinates": ("Points clicked or stored in whole pixels.", "Store sub-pixel coordinates."),
     "held-at-start": (
         "`--fix fx` without a value.",
-        "`--fix fx=VALUE`, or a camera whose value is held: `--start-camera FILE`, of a rig `--cameras NAME=FILE`.",
+        "Give `--fix fx=VALUE`, or a camera whose value is held: `--start-camera FILE`, or `--cameras "
+        "NAME=FILE` for a rig.",
     ),
     "boards-as-designed": (
         "One of several boards is in few pictures.",
-        "None is needed if that board is flat; otherwise three or more pictures of it.",
+        "Nothing if that board is flat; otherwise take three or more pictures of it.",
     ),
     "cameras-out-of-step": (
         "A camera started later, or lost a frame.",
@@ -167,11 +169,11 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "loose-relative-pose": (
         "Few shared instants, or a small board far away.",
-        "More shared instants with tilt, nearer.",
+        "Take more shared instants with tilt, at a smaller distance.",
     ),
     "views-disagree": (
         "A lens, focus or board that changed between the pictures; a model that is too small.",
-        "Fix focus and zoom, switch stabilisation off; `-m auto`, `--board-shape auto`.",
+        "Fix focus and zoom, switch stabilisation off; try `-m auto` and `--board-shape auto`.",
     ),
     "zoom-or-refocus": (
         "The zoom or autofocus changed between the pictures.",
@@ -194,20 +196,26 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "A stabiliser in lens, sensor or software; a loose lens.",
         "Switch stabilisation off; fasten the lens.",
     ),
-    "rolling-shutter": ("Board or camera moved while the rows were read.", "A tripod, or a global shutter."),
+    "rolling-shutter": (
+        "Board or camera moved while the rows were read.",
+        "Use a tripod, or a global shutter.",
+    ),
     "image-size": (
         "A wrong `--image-size`, or pictures resized after the points were found.",
         "Check the size.",
     ),
     "data-exchanged": (
         "Exchanged columns, rows of another board or view, or coordinates in another frame.",
-        "The change that the message names; check how the table was made.",
+        "Make the change that the message names, and check how the table was created.",
     ),
     "does-not-fit": (
         "A focus or zoom different from the calibration, another camera, resized pictures, or a wrong board.",
         "Check which camera took the pictures and how; otherwise calibrate again.",
     ),
-    "not-converged": ("A model that the data barely determine.", "A smaller model, or another `--start`."),
+    "not-converged": (
+        "A model that the data barely determine.",
+        "Use a smaller model, or another `--start`.",
+    ),
     "hand-eye-convention": (
         "Angles in another order or unit than was requested.",
         "Use the convention that the message names.",
@@ -216,7 +224,7 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "Poses read while the robot moved, or pictures of another pose.",
         "Check the named pairs.",
     ),
-    "hand-eye-few-poses": ("Too few poses.", "Ten or more poses, rotated about at least two axes."),
+    "hand-eye-few-poses": ("Too few poses.", "Take ten or more poses, rotated about at least two axes."),
     "hand-eye-unmatched": (
         "Names of pictures and poses do not agree.",
         "Use the report's view names for the poses.",
@@ -227,21 +235,21 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "hand-eye-noise-at-zero": (
         "A robot whose poses are more accurate than those from the pictures, or few poses.",
-        "None is needed; with more poses, smaller noise can be detected.",
+        "Nothing; with more poses, smaller noise can be detected.",
     ),
     "hand-eye-scale": ("A wrong `--square`, or poses in another unit.", "Check both lengths."),
     "several-poses": (
         "A flat, small or distant target: two poses look alike.",
-        "Points out of the plane, or a nearer picture.",
+        "Use points off the plane, or a picture from a smaller distance.",
     ),
     "mirrored-points": (
         "v counted upwards, u and v exchanged, or a left-handed frame of the points.",
         "Use v = height - 1 - v, exchange u and v, or negate one axis.",
     ),
-    "no-redundancy": ("As many points as unknowns.", "One more point; otherwise errors cannot be detected."),
+    "no-redundancy": ("As many points as unknowns.", "Add a point; otherwise errors cannot be detected."),
     "uncertain-distance": (
         "Points close together as seen from the camera, or cameras close together.",
-        "Points that are farther apart, a nearer picture, or a longer baseline.",
+        "Use points that are farther apart, a smaller distance, or a longer baseline.",
     ),
     "images-do-not-fit": (
         "Points and images in another order, images in another unit, v counted upwards, or the wrong camera.",
@@ -249,19 +257,19 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "undetermined-points": (
         "One image of a point, or parallel rays.",
-        "One more camera, or a longer baseline.",
+        "Use one more camera, or a longer baseline.",
     ),
     "outlier-images": (
         "A point that was mistaken for another one in some picture.",
         "Check the cameras that the table names.",
     ),
-    "lines-left-out": ("Curves of the scene.", "None is needed if they really are curved."),
-    "one-direction": ("All lines have the same direction.", "Pictures with lines in other directions."),
+    "lines-left-out": ("Curves of the scene.", "Nothing if they really are curved."),
+    "one-direction": ("All lines have the same direction.", "Take pictures with lines in other directions."),
     "undetermined": ("Lines do not determine these parameters.", "`--fix` them, or use another model."),
     "principal-point-assumed": ("The data leave it undetermined.", "Give it: `--fix cx=VALUE,cy=VALUE`."),
     "lines-bent": (
         "A lens with distortion, treated as a pinhole camera.",
-        "`-m division:1`, or undistort the picture first.",
+        "Use `-m division:1`, or undistort the picture first.",
     ),
     "views-left-out": ("Views that share too few points.", "More tracks."),
     "points-twice": ("Two images of a point in one view.", "Give each point its own id."),
@@ -269,7 +277,10 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "Markers that fewer than two cameras see, or wrong tracks.",
         "`wand.left_out` names the images; track the markers again there.",
     ),
-    "few-matches": ("Little texture, or pictures of different scenes.", "More texture, several pairs."),
+    "few-matches": (
+        "Little texture, or pictures of different scenes.",
+        "Use scenes with more texture, and several pairs.",
+    ),
     "vertical-disparity": (
         "The cameras have moved relative to each other, a poor calibration, or pictures that were not "
         "taken at the same time.",
