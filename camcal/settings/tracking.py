@@ -114,8 +114,8 @@ RUN = (
     Option(
         "rig",
         FILE,
-        "Report of `camcal rig`: FRAMES are what its cameras see of a board, as for `camcal rig`; an alarm is raised if "
-        "one was knocked.",
+        "Report of `camcal rig`: FRAMES are what its cameras see of a board, as for `camcal rig`; an alarm is raised "
+        "if one was knocked.",
     ),
     Option(
         "natural",
