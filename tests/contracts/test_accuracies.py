@@ -116,6 +116,7 @@ ACCURACIES = {
     "assess.causes.effect._STEPS": (1, 10, 1e-9, left_of_a_turn),
     "assess.causes.effect._STILL": (1e-2, 1e-15, 1e-9, left_of_a_turn),
     "assess.causes.effect._SMALL": (30.0, 1e-4, 1e-2, scatter_by_noise),
+    "model.lenses.direct.SETTLED": (10.0, 1e-15, 1e-9, work.moved_zero),
     "routes.dual_quadric.SETTLED": (0.1, 1e-13, 1e-6, work.quadric),
     "routes.lifted.SETTLED": (0.1, 1e-10, 1e-4, work.rays_of_lens),
     "assess.candidate_views._FITS": (6, 50, 1e-3, placed_targets),

@@ -12,7 +12,18 @@ from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
-from camcal.routes import epipolar, lifted, lines, natural, outliers, pose, scene_start, scene_vote
+from camcal.routes import (
+    epipolar,
+    lifted,
+    lines,
+    natural,
+    outliers,
+    pose,
+    scene_start,
+    scene_vote,
+    triangulate,
+    wand,
+)
 from camcal.routes.hand_eye.estimate import Estimate
 from camcal.routes.line_geometry import Lines
 from tests.contracts.test_limits_of_work import two_views
@@ -151,3 +162,29 @@ def test_matches_near_an_epipole(monkeypatch, share):
     )
     lifted._off(lifted.division(0.0), [tuple(matches)])
     assert roots[0][-1] == pytest.approx(1e3 / max(share, 1.0), rel=1e-9)
+
+
+# ------------------------------------------------------------------------------------ the first noise
+@pytest.mark.parametrize("share", [0.999, 1.001])
+def test_the_least_noise_of_triangulated_points(share):
+    """That of coordinates that are rounded in the ninth digit of a px."""
+    costs = np.full(5, share * 1e-18 * stats.chi2.ppf(0.5, 3))
+    assert triangulate._scale(costs, np.full(5, 3)) == pytest.approx(max(share, 1.0) * 1e-18, rel=1e-9)
+
+
+def test_the_noise_that_bars_leave_in_the_residuals(monkeypatch):
+    """Three of the eight coordinates of a bar in two cameras: residuals with the median of σ = 1 have √(8/3)."""
+
+    class Asked(Exception):
+        pass
+
+    def reach(_, sigma, __):
+        raise Asked(sigma)
+
+    monkeypatch.setattr(wand, "replace", lambda found, **_: found)
+    monkeypatch.setattr(wand, "_frees", lambda *_: None)
+    monkeypatch.setattr(wand, "reach", reach)
+    moving = SimpleNamespace(cameras=(), residuals=lambda _: np.tile([np.sqrt(2 * np.log(2)), 0.0], (9, 1)))
+    with pytest.raises(Asked) as found:
+        wand._result(moving, (), range(9), (), ())
+    assert found.value.args[0] == pytest.approx(np.sqrt(8 / 3))

@@ -264,6 +264,18 @@ def test_radii_at_which_a_curve_is_looked_at():
         )
 
 
+@pytest.mark.parametrize(("share", "exact"), [(LESS, True), (MORE, False)])
+def test_innermost_rays_far_from_the_axis(share, exact):
+    """The innermost tenth is used alone up to 1.2 rad; all the others have moved."""
+    turn = np.arange(100.0)
+    angle = np.where(turn < 10, share * 1.2, 1.3)
+    rays = np.c_[np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)]
+    uv = 300 * angle[:, None] * np.c_[np.cos(turn), np.sin(turn)] + (500, 400)
+    uv[10:] += 30
+    f, centre = start.rough_pinhole(rays, uv)
+    assert (abs(f - 300) < 1e-6 and np.abs(centre - (500, 400)).max() < 1e-6) == exact
+
+
 def test_the_innermost_rays():
     """A tenth of a hundred, and eight of twenty."""
     for count, used in ((100, 10), (20, start.LEAST_RAYS)):
