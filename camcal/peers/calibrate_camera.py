@@ -22,7 +22,11 @@ from camcal.peers.base import MOST_ITERATIONS, NotComparableError, Result, Task,
 from camcal.solve.calibration import Calibration
 
 
-def criteria(iterations: int = MOST_ITERATIONS, gain: float = 1e-15) -> tuple[int, int, float]:
+#: relative change of the parameters at which cv2 stops: a few times the rounding of float64
+STILL = 1e-15
+
+
+def criteria(iterations: int = MOST_ITERATIONS, gain: float = STILL) -> tuple[int, int, float]:
     """cv2's stopping criteria: a number of iterations, and a relative change per step."""
     return (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, iterations, gain)
 

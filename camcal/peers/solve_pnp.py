@@ -8,7 +8,7 @@ import numpy as np
 from camcal.geometry import projective, rotations
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
-from camcal.peers.base import LEAST_POINTS, SAME, Entry, entry, judge
+from camcal.peers.base import LEAST_POINTS, LOWER_PX, SAME, Entry, entry, judge
 from camcal.system.processes import one_opencv_thread
 
 STAGE = "pose"
@@ -50,7 +50,7 @@ def against_cv2(camera: Camera, xyz: Array, uv: Array, pose: Pose) -> Entry:
     rms, best = min(figures, key=lambda f: f[0])
     ours = _rms(camera, pose, xyz, uv)
     # cv2 minimises in normalised coordinates, so that it may come close to the minimum in px but not below
-    status, why = judge(ours, rms * (1 + SAME) + 1e-9, "rms_point (px)")
+    status, why = judge(ours, rms * (1 + SAME) + LOWER_PX, "rms_point (px)")
     return entry(
         STAGE,
         name,

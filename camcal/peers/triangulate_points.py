@@ -8,7 +8,7 @@ import numpy as np
 from camcal.geometry.projective import FLAT_RAY
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
-from camcal.peers.base import SAME, Entry, entry, judge
+from camcal.peers.base import LOWER_PX, SAME, Entry, entry, judge
 from camcal.system.processes import one_opencv_thread
 
 STAGE, NAME = "triangulate", "cv2.triangulatePoints"
@@ -36,7 +36,7 @@ def against_cv2(first: Seen, second: Seen, xyz: Array) -> Entry:
         return entry(STAGE, NAME, "not_applicable", "cv2's points lie behind the cameras")
     squares = np.square([[r[both] for r in pair] for pair in residuals]).sum(0).mean(1) / 2
     ours_rms, theirs_rms = np.sqrt(squares[1]), np.sqrt(squares[0])
-    status, why = judge(float(ours_rms), float(theirs_rms) * (1 + SAME) + 1e-9, "rms_point (px)")
+    status, why = judge(float(ours_rms), float(theirs_rms) * (1 + SAME) + LOWER_PX, "rms_point (px)")
     apart = np.linalg.norm(theirs[both] - xyz[good][both], axis=1)
     return entry(
         STAGE,
