@@ -13,6 +13,7 @@ from camcal.cli.verbosity import note
 if TYPE_CHECKING:
     from camcal.track.follow import Summary
 
+SHOWN = 10  #: changes that are listed on the terminal; the report and the log have all
 CHANGED = 1  #: the exit code of --fail-on-change
 
 
@@ -47,7 +48,7 @@ def _said(summary: Summary) -> Iterator[str]:
             else "frame came late or twice and was"
         )
         yield f"{summary.ignored} {many} ignored."
-    shown = [c.message for c in summary.changes[:10]]
+    shown = [c.message for c in summary.changes[:SHOWN]]
     more = summary.change_count - len(shown)
     yield f"Changes: {summary.change_count}" + ("." if not shown else ":")
     yield from (f"  {message}" for message in shown)

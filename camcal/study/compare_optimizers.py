@@ -19,6 +19,8 @@ from camcal.solve.schur import Reduced
 
 #: costs whose relative difference is at most this are the same minimum
 SAME = 1e-6
+#: how often a start that does not project is halved towards the first: a millionth of its distance is left
+HALVINGS = 20
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,7 @@ def perturbed(problem: Problem, state: State, count: int, size: float, seed: int
         ties = problem.free @ np.linalg.lstsq(problem.free, params, rcond=None)[0]
         turn, shift = rng.normal(size=(2, len(problem.views), 3))
         shift *= state.centres[:, 2:]
-        for factor in size * 0.5 ** np.arange(20):
+        for factor in size * 0.5 ** np.arange(HALVINGS):
             start = replace(
                 state,
                 params=state.params + factor * ties,

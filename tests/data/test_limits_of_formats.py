@@ -129,7 +129,9 @@ def test_the_size_that_a_lens_database_does_not_say(monkeypatch):
     angles = []
     for factor in (1, 2):
         monkeypatch.setattr(lensfun, "LONGER", factor * 6000)
-        for named in files.parsed(lensfun.FORMAT, Source(SimpleNamespace(suffix=".xml"), LENSFUN.encode())).cameras:
+        for named in files.parsed(
+            lensfun.FORMAT, Source(SimpleNamespace(suffix=".xml"), LENSFUN.encode())
+        ).cameras:
             width, height = named.camera.image_size
             at = np.array([[0.8 * (width - 1), 0.7 * (height - 1)]])
             angles.append(named.camera.lens.unproject(named.camera.params, at)[0][0])

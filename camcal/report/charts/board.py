@@ -11,9 +11,6 @@ from camcal.solve.calibration import ShapedBoard
 
 Array = np.ndarray
 
-#: squares; width of the chart for a board of one column
-LEAST_SIZE = 1e-9
-
 
 def shape(solution: Solution) -> Chart | None:
     """Height of each point above the ideal board as a map, and its offsets in the plane as arrows."""
@@ -23,7 +20,7 @@ def shape(solution: Solution) -> Chart | None:
     target = solution.observations.target or {}
     square = float(target.get("square") or 1.0)
     ideal, offset = board.ideal / square, (board.points - board.ideal) / square
-    size = max(float(np.ptp(ideal[:, 0])), LEAST_SIZE)
+    size = float(np.ptp(ideal[:, :2], axis=0).max())
     pad = 0.08 * size
     scale = enlargement(np.linalg.norm(offset[:, :2], axis=1), size)
     x = float(ideal[:, 0].min()) - pad, float(ideal[:, 0].max()) + pad

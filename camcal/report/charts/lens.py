@@ -17,7 +17,6 @@ from camcal.report.charts.residuals import enlargement, picture_limits
 PINHOLE_DEGREES = 75.0
 #: fx, fy, cx, cy and skew: a lens with no more parameters is a pinhole camera, unless one is of distortion
 PINHOLE_SIZE = 5
-LEAST_LENGTH = 1e-9  #: px; shorter displacements are rounding, and there is nothing to enlarge
 
 
 def curve(solution: Solution) -> Chart | None:
@@ -77,11 +76,7 @@ def field(solution: Solution) -> Chart | None:
     if not len(shift):
         return None
     longest = float(np.linalg.norm(shift, axis=1).max())
-    scale = (
-        min(enlargement(np.linalg.norm(shift, axis=1), 1.5 * (x[1] - x[0])), 1.0)
-        if longest > LEAST_LENGTH
-        else 1.0
-    )
+    scale = min(enlargement(np.linalg.norm(shift, axis=1), 1.5 * (x[1] - x[0])), 1.0)
     drawn = f"drawn at {scale:g} of its length" if scale < 1 else "at its true length"
     return Chart(
         "Distortion field",
