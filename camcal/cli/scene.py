@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from camcal.cli.options import options
-from camcal.cli.verbosity import note, verbosity_options
+from camcal.cli.verbosity import verbosity_options
 
 
 @click.command("scene")
@@ -24,17 +24,14 @@ def command(ctx: click.Context, picture: Path, **options: Any) -> int:
     a warning, or cause an error.
     """
     from camcal.cli.job import command_line, output_is_free
-    from camcal.cli.results import deliver
+    from camcal.cli.results import deliver_route
 
     output_is_free(options)
     from camcal.report.scene import report
 
     given = {name: options[name] for name in ("model", "fix", "image_size", "seed")}
     found = report(picture, **given, command=command_line(ctx))
-    for warning in found["warnings"]:
-        note(f"{warning['message']} {warning['hint']}")
-    deliver(found, options, "Report", lambda: _table(found))
-    return 0
+    return deliver_route(found, options, _table)
 
 
 def _table(found: dict[str, Any]) -> Any:

@@ -43,6 +43,11 @@ class View:
     def __len__(self) -> int:
         return len(self.xyz)
 
+    @property
+    def root_weights(self) -> Array:
+        """The square roots (N,) of the points' weights: 1 / sigma, or 1."""
+        return np.ones(len(self)) if self.sigma is None else 1 / self.sigma
+
     def take(self, rows: Array) -> View:
         """Return the view with only `rows` (a mask or indices) of its points."""
 

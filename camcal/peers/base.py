@@ -120,3 +120,11 @@ def bounds(solution: Calibration) -> tuple[Array, Array]:
         return np.zeros(2), np.subtract(size, 1.0)
     uv = solution.observations.uv
     return uv.min(0), uv.max(0)
+
+
+def size_of(camera: Camera, uv: Array) -> tuple[int, int]:
+    """The image size for cv2: that of the camera, or one that holds the points (N, 2)."""
+    if camera.image_size is not None:
+        return camera.image_size
+    width, height = np.ceil(uv.max(0)).astype(int).tolist()
+    return width + 1, height + 1

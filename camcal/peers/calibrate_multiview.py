@@ -9,7 +9,6 @@ units of their extent.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -17,7 +16,7 @@ import numpy as np
 from camcal.geometry import rotations
 from camcal.model.pose import Pose
 from camcal.model.rig import Rig
-from camcal.peers.base import LOWER, LOWER_PX, Entry, NotComparableError, entry
+from camcal.peers.base import LOWER, LOWER_PX, Entry, NotComparableError, entry, size_of
 from camcal.peers.calibrate_camera import camera_of, flags_of, refusals
 from camcal.solve.calibration import RigCalibration
 from camcal.solve.poses import poses_before
@@ -75,7 +74,7 @@ def _run(fit: RigCalibration) -> Rig:
     uv[data.camera, data.view, index.reshape(-1)] = data.uv
     mask = np.zeros(uv.shape[:2], np.uint8)
     mask[data.blocks.camera, data.blocks.view] = 1
-    sizes: list[Any] = [c.image_size or tuple(int(n) + 1 for n in np.ceil(data.uv.max(0))) for c in cameras]
+    sizes = [size_of(c, data.uv) for c in cameras]
     board = ((points - points.mean(0)) / unit).astype(np.float32)
     with refusals():
         found = cv2.calibrateMultiview(

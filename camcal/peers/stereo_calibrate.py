@@ -33,6 +33,7 @@ from camcal.peers.base import (
     Entry,
     NotComparableError,
     entry,
+    size_of,
 )
 from camcal.peers.calibrate_camera import camera_of, coefficients, criteria, flags_of, refusals
 from camcal.peers.fisheye_calibrate import flags_of as fisheye_flags
@@ -240,7 +241,7 @@ def _run(pair: _Pair) -> tuple[tuple[Camera, Camera], Pose, list[list[float]]]:
     half = data.point_count // 2
     views = [np.flatnonzero(data.view[:half] == v) for v in range(len(data))]
     centres = [np.where(np.ptp(data.xyz[r], axis=0) == 0, data.xyz[r[0]], data.xyz[r].mean(0)) for r in views]
-    size = starts[a].image_size or tuple(int(n) + 1 for n in np.ceil(data.uv.max(0)))
+    size = size_of(starts[a], data.uv)
     xyz = [
         (data.xyz[v] - c).astype(np.float32).reshape(-1, 1, 3) for v, c in zip(views, centres, strict=True)
     ]
@@ -276,7 +277,7 @@ def _run_fisheye(pair: _Pair) -> tuple[tuple[Camera, Camera], Pose, list[list[fl
     xyz = [data.xyz[v].reshape(1, -1, 3) for v in views]
     seen_a, seen_b = ([data.uv[v + shift].reshape(1, -1, 2) for v in views] for shift in (0, half))
     (ka, da), (kb, db) = ((c.matrix.copy(), np.array([c.values[k] for k in BENDS])) for c in starts)
-    size: Any = starts[0].image_size or tuple(int(n) + 1 for n in np.ceil(data.uv.max(0)))
+    size = size_of(starts[0], data.uv)
     flags = fisheye_flags(["USE_INTRINSIC_GUESS", "FIX_SKEW", "RECOMPUTE_EXTRINSIC"])
     with refusals():
         _, k1, d1, k2, d2, r, t, *_ = cv2.fisheye.stereoCalibrate(

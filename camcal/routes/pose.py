@@ -198,7 +198,7 @@ def _refined(camera: Camera, view: View, used: Array, start: Pose) -> Solution |
     kept = view.take(used)
     centre = kept.xyz.mean(0)
     local = kept.xyz - centre
-    roots = np.ones(len(kept)) if kept.sigma is None else 1 / kept.sigma
+    roots = kept.root_weights
 
     # about the points' centroid, where rotation and translation are nearly uncorrelated
     centred = Pose(start.rotation, start.translation + start.rotation @ centre)

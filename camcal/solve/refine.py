@@ -144,9 +144,9 @@ def posed(start: Camera | Rig, poses: Poses, observations: Observations, how: Ho
     DataError, EstimationError
         As `refine`.
     """
-    start = with_fixed(start, how)
+    start = with_fixed(start, how.fix)
     cameras = cameras_of(start)
-    frees = [free_matrix(c.lens, c.params, f) for c, f in zip(cameras, fixes(start, how), strict=True)]
+    frees = [free_matrix(c.lens, c.params, f) for c, f in zip(cameras, fixes(start, how.fix), strict=True)]
     problem = make_problem(cameras, observations, frees, how)
     params = np.concatenate([c.params for c in cameras])
     return Posed(start, frees, problem, problem.state(params, poses, rig_poses(start)))

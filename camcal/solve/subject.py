@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose, Poses
 from camcal.model.rig import Rig
 from camcal.solve.parameters import apply_fixed
-
-if TYPE_CHECKING:
-    from camcal.solve.refine import How
 
 
 def cameras_of(start: Camera | Rig) -> tuple[Camera, ...]:
@@ -20,21 +16,21 @@ def cameras_of(start: Camera | Rig) -> tuple[Camera, ...]:
     return tuple(start.cameras.values()) if isinstance(start, Rig) else (start,)
 
 
-def fixes(start: Camera | Rig, how: How) -> list[dict[str, float | None]]:
-    """The fixed parameters of each camera in `how`."""
+def fixes(start: Camera | Rig, fix: Mapping[str, float | None]) -> list[dict[str, float | None]]:
+    """The fixed parameters of each camera."""
     if isinstance(start, Camera):
-        return [dict(how.fix)]
+        return [dict(fix)]
     return [
-        {n.removeprefix(f"{name}."): v for n, v in how.fix.items() if n.startswith(f"{name}.")}
+        {n.removeprefix(f"{name}."): v for n, v in fix.items() if n.startswith(f"{name}.")}
         for name in start.cameras
     ]
 
 
-def with_fixed(start: Camera | Rig, how: How) -> Camera | Rig:
+def with_fixed(start: Camera | Rig, fix: Mapping[str, float | None]) -> Camera | Rig:
     """The start with the held values applied."""
     made = [
-        replace(c, params=apply_fixed(c.lens, c.params, fix))
-        for c, fix in zip(cameras_of(start), fixes(start, how), strict=True)
+        replace(c, params=apply_fixed(c.lens, c.params, own))
+        for c, own in zip(cameras_of(start), fixes(start, fix), strict=True)
     ]
     return (
         replace(start, cameras=dict(zip(start.cameras, made, strict=True)))

@@ -109,7 +109,7 @@ def _prepared(view: View, form: shape.Shapes, index: int, centre: Array, scale: 
             "Remove the view, or give it more points.",
         )
     local = ((view.xyz - form.origins[index]) @ form.axes[index])[:, :2]
-    roots = np.ones(len(view)) if view.sigma is None else 1 / view.sigma
+    roots = view.root_weights
     spread = np.sqrt((local**2).sum(1).mean())
     return _View(local / spread, (view.uv - centre) / scale, roots / np.sqrt((roots**2).mean()))
 

@@ -91,7 +91,7 @@ def _estimate(data: Observations, count: int) -> ClosedForm:
 
 def _solved(view: View, count: int) -> tuple[Array, Array, Array, float, float]:
     """M (3, 4), the principal point (2,), L12 and above, the leave-one-out rms_point (px), the condition number."""
-    roots = np.ones(len(view)) if view.sigma is None else 1 / view.sigma
+    roots = view.root_weights
     to_xyz, to_uv = projective.normalisation(view.xyz[None])[0], projective.normalisation(view.uv[None])[0]
     x = projective.homogeneous(view.xyz) @ to_xyz.T
     q = (projective.homogeneous(view.uv) @ to_uv.T)[:, :2]

@@ -66,7 +66,7 @@ def constrained(view: View) -> tuple[Array, int, float, float]:
     -------
     matrix, steps taken, leave-one-out rms_point (px), condition number of the linear system
     """
-    roots = np.ones(len(view)) if view.sigma is None else 1 / view.sigma
+    roots = view.root_weights
     to_xyz, to_uv = projective.normalisation(view.xyz[None])[0], projective.normalisation(view.uv[None])[0]
     x = projective.homogeneous(view.xyz) @ to_xyz.T
     y = (projective.homogeneous(view.uv) @ to_uv.T)[:, :2]

@@ -152,7 +152,7 @@ def prepared(
         uv = (view.uv - centre) / half_diagonal
         h = np.c_[points, np.ones(len(points))]
         terms = np.concatenate([uv[:, 1:] * h, uv[:, :1] * h, h], 1)
-        roots = np.ones(len(view)) if view.sigma is None else 1 / view.sigma
+        roots = view.root_weights
         roots = roots / np.sqrt((roots**2).mean())
         terms = terms * roots[:, None]
         views.append(_View(points, uv, terms.T @ terms, roots))

@@ -83,12 +83,10 @@ def _foreign(
         "fov": lambda: camera_of("fov", (1, 1, 0, 0, 0), size, {"w": d[0]}),
     }[bend]()
 
-    def forward(w: Array) -> Array:
-        angle = np.linalg.norm(w, axis=1)
-        rays = np.c_[w * np.sinc(angle / np.pi)[:, None], np.cos(angle)]
-        return outer.project(np.c_[inner.project(rays), np.ones(len(w))])
-
     from camcal.data.formats.foreign import at_angle
+
+    def forward(w: Array) -> Array:
+        return outer.project(np.c_[inner.project(at_angle(w)), np.ones(len(w))])
 
     reason = f"camcal has no distortion '{bend}' after the model '{model}'"
     return foreign_camera(f"Kalibr's {model}-{bend}", reason, matrix, size, forward, at_angle)
