@@ -17,13 +17,14 @@ from camcal.plan.solution import RigSolution
 from camcal.routes.epipolar import agreeing
 from camcal.routes.natural import NEAR, local_scatter
 from camcal.routes.picture_tracks import LEAST_MATCHES
+from camcal.settings.tracking import FALSE_ALARM
 from camcal.track.rig_matches import MAD, Matched, PairMatches, instant_of_matches, rays_of
 
 Array = np.ndarray
 
 
 def follow_scenes(
-    rig: RigSolution, instants: Iterable[tuple[str, Shared]], false_alarm: float = 1e-6
+    rig: RigSolution, instants: Iterable[tuple[str, Shared]], false_alarm: float = FALSE_ALARM
 ) -> Followed:
     """Test at each instant whether the cameras are where the calibration of the rig says, from matches.
 

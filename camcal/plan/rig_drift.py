@@ -19,6 +19,7 @@ from camcal.plan.rig_cameras import pictures_of
 from camcal.plan.run import usable
 from camcal.plan.solution import RigSolution
 from camcal.records import dataclass
+from camcal.settings.tracking import FALSE_ALARM
 from camcal.solve.board_points import by_number, on_board
 from camcal.solve.poses import solve_poses
 from camcal.solve.problem import Problem
@@ -52,7 +53,9 @@ class Followed:
     points: int
 
 
-def follow(rig: RigSolution, views: RigViews, false_alarm: float = 1e-6, robust: str = "auto") -> Followed:
+def follow(
+    rig: RigSolution, views: RigViews, false_alarm: float = FALSE_ALARM, robust: str = "auto"
+) -> Followed:
     """Test at each instant whether the cameras are where the rig's calibration says.
 
     Parameters

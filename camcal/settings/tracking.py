@@ -15,6 +15,9 @@ from camcal.settings.run import CONFIG, FILE, FORCE, OUT, OUTPUT
 
 _setting = partial(setting, in_checkpoints=True)
 
+#: a frame; of a camera at 30 frames a second one false alarm in nine hours
+FALSE_ALARM = 1e-6
+
 
 class CameraFile(FilePath):
     """The file that holds a camera; in Python the camera itself."""
@@ -63,7 +66,7 @@ class TrackOptions(Settings):
         metavar="PROBABILITY",
     )
     false_alarm: float = _setting(
-        Real(0, 0.1, above=True), "False alarms per frame of the change test.", 1e-6, metavar="RATE"
+        Real(0, 0.1, above=True), "False alarms per frame of the change test.", FALSE_ALARM, metavar="RATE"
     )
     min_points: int | None = _setting(
         Whole(1, metavar="N"),

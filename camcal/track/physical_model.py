@@ -34,6 +34,8 @@ Array = np.ndarray
 SHALLOW = 0.01
 #: rad²; below it two terms of the series are exact: the third is t⁴ / 120, 1e-18
 SERIES = 1e-8
+#: sine of an angle up to which its arcsine has all digits: 30 degrees; larger turns are for `rotations.log`
+SHORT = 0.5
 #: what is believed of the lens before the first frame, where no camera is given: standard deviations in units
 #: of the focal length (aspect: of 1). Only distortion is a statement; the rest keeps numbers finite.
 UNKNOWN = {"focal": 3.0, "principal": 3.0, "skew": 0.3, "distortion": 0.3}
@@ -258,7 +260,7 @@ def _log(turn: Array) -> Array:
     (_, a, b), (c, _, d), (e, f, _) = turn.tolist()
     x, y, z = 0.5 * (f - d), 0.5 * (b - e), 0.5 * (c - a)
     sine = math.sqrt(x * x + y * y + z * z)
-    if sine > 0.5 or float(turn.trace()) < 1.0:
+    if sine > SHORT or float(turn.trace()) < 1.0:
         return rotations.log(turn)
     factor = math.asin(sine) / sine if sine**2 > SERIES else 1 + sine * sine / 6
     return factor * np.array([x, y, z])

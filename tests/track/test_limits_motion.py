@@ -5,8 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from camcal.errors import EstimationError
+from camcal.geometry import rotations
 from camcal.settings.tracking import TrackOptions
-from camcal.track import detection, events, gains, linear, motion, physical_model, recursive, smoother
+from camcal.track import detection, events, gains, linear, motion, physical_model, recursive, robust, smoother
+from camcal.track.frames import Frame
 from camcal.track.iekf import MOVES
 from tests.sides import LESS, MORE
 
@@ -124,6 +127,33 @@ def test_a_pose_of_which_nothing_is_believed(monkeypatch):
 
 
 # ------------------------------------------------------------------------------------ rounding
+def test_turns_of_which_the_arcsine_has_all_digits():
+    """On both sides of 30 degrees the vector is that of `rotations`, and near 90 degrees it would not be."""
+    axis = np.array([0.6, -0.48, 0.64])
+    for share in (LESS, MORE):
+        turn = rotations.exp(np.arcsin(share * physical_model.SHORT) * axis)
+        np.testing.assert_allclose(physical_model._log(turn), rotations.log(turn), atol=1e-15)
+    nearly = 0.5 * np.pi - 1e-5
+    assert abs(np.arcsin(np.sin(nearly)) - nearly) > 1e-13
+
+
+@pytest.mark.parametrize(("share", "settled"), [(LESS, True), (MORE, False)])
+def test_a_step_that_ends_the_reweighting(monkeypatch, share, settled):
+    """Of so much of a standard deviation; larger ones go on and never settle."""
+    model = SimpleNamespace(size=1, linearise=lambda *_: (None, None), retract=lambda x, _: x)
+    monkeypatch.setattr(robust, "_distances", lambda *_: np.ones(4))
+    monkeypatch.setattr(robust, "_scale", lambda *_: 1.0)
+    monkeypatch.setattr(robust, "_equations", lambda *_: (np.eye(1), None))
+    monkeypatch.setattr(robust, "_solve", lambda *_: np.array([share * robust.SETTLED]))
+    monkeypatch.setattr(robust, "_finish", lambda *_: "settled")
+    frame = Frame(0, np.zeros((4, 3)), np.zeros((4, 2)))
+    if settled:
+        assert robust.fit(model, 0.0, frame, 0.3, 9.0) == "settled"
+    else:
+        with pytest.raises(EstimationError, match="does not converge"):
+            robust.fit(model, 0.0, frame, 0.3, 9.0)
+
+
 @pytest.mark.parametrize(("share", "determined"), [(LESS, False), (MORE, True)])
 def test_directions_that_are_determined(share, determined):
     a = np.diag([1.0, share * linear.UNDETERMINED])

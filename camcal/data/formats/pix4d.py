@@ -24,11 +24,15 @@ HEAD = (
     "camera position t [3x1]\ncamera rotation R [3x3]\ncamera model m = K [R|-Rt] X\n\n"
 )
 MODELS = ("opencv5+skew",)
+#: characters in which the line of the camera model is looked for: it is the first one after the version
+BEGINNING = 1000
+#: lines of a camera at most: K, radial, tangential, t and R
+LINES = 3 + 1 + 1 + 1 + 3
 _START = re.compile(r"(\S.*?)\s+(\d+)\s+(\d+)\s*")
 
 
 def _sniff(source: Source) -> bool:
-    return source.kind == "text" and "camera model m = K [R|-Rt] X" in (source.text or "")[:1000]
+    return source.kind == "text" and "camera model m = K [R|-Rt] X" in (source.text or "")[:BEGINNING]
 
 
 def _read(source: Source) -> CameraFile:
@@ -41,7 +45,7 @@ def _read(source: Source) -> CameraFile:
             at += 1
             continue
         rows: list[list[float]] = []
-        for line in lines[at + 1 : at + 10]:  # K, radial, tangential, t, R
+        for line in lines[at + 1 : at + 1 + LINES]:
             words = line.split()
             if not words or (_START.fullmatch(line) and len(rows) in (5, 6, 9) and not _is_numbers(line)):
                 break

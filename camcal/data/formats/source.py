@@ -25,6 +25,9 @@ KINDS = {
     ".toml": "toml",
 }
 
+#: bytes by whose controls a text is told from binary data: any binary header has a zero among them
+HEAD = 4096
+
 
 class Source:
     """A file by its path, and its contents.
@@ -56,13 +59,13 @@ class Source:
     @cached_property
     def text(self) -> str | None:
         """The text, or None for a binary file."""
-        if b"\0" in self.data[:4096]:
+        if b"\0" in self.data[:HEAD]:
             return None
         try:
             return self.data.decode("utf-8-sig")
         except UnicodeDecodeError:
             # files of old Windows programs; Latin-1 reads any byte, so control characters decide
-            return self.data.decode("latin-1") if not _has_controls(self.data[:4096]) else None
+            return self.data.decode("latin-1") if not _has_controls(self.data[:HEAD]) else None
 
     @cached_property
     def kind(self) -> str:

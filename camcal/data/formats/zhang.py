@@ -6,6 +6,9 @@ from camcal.data.formats.base import CameraFile, Format, floats, number
 from camcal.data.formats.source import Source
 from camcal.data.formats.terms import choose, polynomial
 
+#: lines that are read: those of the camera and of a thousand views, of four lines each. A longer text is recognised by
+#: its first ones
+MOST_ROWS = 2 + 4 * 1000
 MODELS = ("opencv4+skew", "brown:radial=2,decentering=0+skew")
 
 
@@ -15,7 +18,7 @@ def _numbers(source: Source) -> list[list[float]]:
         return []
     lines = [line.split() for line in (source.text or "").splitlines() if line.strip()]
     try:
-        return [[float(w) for w in line] for line in lines[:400]]
+        return [[float(w) for w in line] for line in lines[:MOST_ROWS]]
     except ValueError:
         return []
 
