@@ -6,6 +6,8 @@ import pytest
 
 from camcal.data.formats import pix4d, source, zhang
 from camcal.data.formats.source import Source
+from camcal.errors import DataError
+from camcal.system import documents
 
 
 @pytest.mark.parametrize("views", [5, 99, 100, 1000, 1001])
@@ -23,6 +25,20 @@ def test_bytes_that_tell_a_text_from_binary_data(at, text):
     for control, encoded in ((b"\0", b""), (b"\x01", b"\xe9")):  # the second one in Latin-1
         data = encoded.ljust(at, b" ") + control + b" more"
         assert (Source(Path("a.txt"), data).text is not None) == text
+
+
+def test_bytes_of_a_camera_file(tmp_path, monkeypatch):
+    """A report of some millions of points is read, which has 45 bytes a point."""
+    assert documents.LARGEST > 45 * 5_000_000
+    path = tmp_path / "a.txt"
+    path.write_bytes(b"#" * 100)
+    for most, read in ((100, True), (99, False)):
+        monkeypatch.setattr(source, "LARGEST", most)
+        if read:
+            assert len(Source(path).data) == 100
+        else:
+            with pytest.raises(DataError, match="more than 99 bytes"):
+                Source(path)
 
 
 @pytest.mark.parametrize(("more", "known"), [(0, True), (1, False)])

@@ -99,6 +99,12 @@ def test_rounding_of_the_normal_equations_of_one_view(monkeypatch, share, determ
 
 
 # ------------------------------------------------------------------------------------ rigs
+def test_samples_of_instants():
+    """Of half outliers all samples hold one in one of two hundred problems; of one sample fewer in more."""
+    bad = 1 - 0.5**3
+    assert bad**rig_turns.SAMPLES <= 1 / 200 < bad ** (rig_turns.SAMPLES - 1)
+
+
 @pytest.mark.parametrize(
     ("misfits", "kept"), [((3.0, 2.0, 1.0, 1.0), 2), ((3.0, 2.0, 2.5), 1), ((3.0, None), 0)]
 )

@@ -10,7 +10,7 @@ from camcal.errors import DataError
 from camcal.report import bias, board, embedded, stereo
 from camcal.report.doctor import installation, remedies, rig
 from camcal.report.doctor.findings import Finding, Gain
-from camcal.report.html import pictures
+from camcal.report.html import pictures, scene
 from tests.sides import LESS, MORE
 from tests.solved import grid, solved
 
@@ -171,6 +171,20 @@ def test_rows_of_a_report_that_are_read():
     for rows, said in ((most, "damaged"), (most + 1, "at most")):
         with pytest.raises(DataError, match=said):
             embedded._table(SimpleNamespace(columns=list(embedded.COLUMNS), rows=rows, text=""))
+
+
+def test_the_size_of_a_scene_in_its_drawing():
+    """It fills its part of the drawing, and a flat one no more than may be turned within it."""
+    width = np.array([[-1.0, -1e-3, 0], [1.0, 1e-3, 0]])
+    for size, fills in ((MORE, True), (LESS, False)):
+        # with the size 1 the sphere has the height of the drawing; a bar of 1 / LARGEST of it fills it by LARGEST
+        half = size * scene.FILL / scene.LARGEST * scene.WIDTH / scene.HEIGHT
+        made = [SimpleNamespace(points=half * width)]
+        found = scene.filling(made, np.zeros(3), 1.0, 0.0, 0.0)
+        assert (found < scene.LARGEST) == fills
+    assert scene.filling([SimpleNamespace(points=width)], np.zeros(3), 1.0, 0.0, 0.0) == pytest.approx(
+        scene.FILL * scene.WIDTH / scene.HEIGHT
+    )
 
 
 # ------------------------------------------------------------------------------------ the installation
