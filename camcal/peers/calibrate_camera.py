@@ -21,7 +21,6 @@ from camcal.model.pose import Array, Poses
 from camcal.peers.base import MOST_ITERATIONS, NotComparableError, Result, Task, bounds
 from camcal.solve.calibration import Calibration
 
-
 #: relative change of the parameters at which cv2 stops: a few times the rounding of float64
 STILL = 1e-15
 
