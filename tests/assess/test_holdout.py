@@ -8,6 +8,7 @@ import pytest
 from camcal.assess import holdout
 from camcal.assess.checks import check
 from camcal.assess.covariance import covariance
+from camcal.assess.design import Design
 from camcal.assess.fold_difference import covered_pixels, difference_of_folds, seen_by_fold
 from camcal.assess.holdout import described, folds_wanted, hold_out
 from camcal.errors import UsageError
@@ -82,6 +83,22 @@ def test_where_one_step_does_not_do_the_rest_is_fitted(monkeypatch):
     # where the cost does not fall as the step predicts
     monkeypatch.setattr(holdout, "TRUSTED", 1e-12)
     assert hold_out(s, How()) is not None and len(calls) == 4
+
+
+@pytest.mark.parametrize(("share", "accepted"), [(0.95, True), (1.05, False)])
+def test_a_step_whose_cost_is_nearly_as_predicted(monkeypatch, share, accepted):
+    """Off by a tenth of the predicted decrease, or of σ0² where that is more; residuals are lengthened as needed."""
+    s = solved(views=8)
+    design, train, found = Design(s), np.arange(6), []
+    true = holdout.residuals
+    monkeypatch.setattr(holdout, "residuals", lambda *a: found.append(true(*a)) or found[-1])
+    holdout._one_step(design, train)
+    cost = 0.5 * np.square(found[0]).sum()
+    # the linear prediction is exact to a hundredth of a tenth
+    decrease = 0.5 * design.products[train, -1, -1].sum() - cost
+    more = share * 0.1 * max(decrease, design.sigma_0**2)
+    monkeypatch.setattr(holdout, "residuals", lambda *_: found[0] * np.sqrt(1 + more / cost))
+    assert (holdout._one_step(design, train) is not None) == accepted
 
 
 def test_robust_weights_stay():

@@ -234,6 +234,14 @@ def test_a_focal_length_that_is_known_from_few_views(monkeypatch):
         assert severities(views.few_views(facts)) == [severity]
 
 
+@pytest.mark.parametrize(("free", "said"), [(18, False), (19, True)])
+def test_parameters_that_six_views_determine(monkeypatch, free, said):
+    monkeypatch.setattr(views, "distinct_count", lambda _: 6)
+    monkeypatch.setattr(views.parameters, "focal_sigma", lambda _: 0.1)
+    facts = SimpleNamespace(planar=True, views=range(6), free_names=range(free), groups=lambda _: ())
+    assert bool(list(views.few_views(facts))) == said
+
+
 def test_views_of_which_most_see_the_front(monkeypatch):
     def codes(count, minority):
         monkeypatch.setattr(views, "sides", lambda *_: np.arange(count) < minority)
@@ -242,8 +250,7 @@ def test_views_of_which_most_see_the_front(monkeypatch):
         facts.solution.observations = SimpleNamespace(is_printed=False)
         return [w.code for w in views.mirrored(facts)]
 
-    least = views.LEAST_FOR_MAJORITY
-    assert codes(least, 1) == ["mirrored-views"] and codes(least - 1, 1) == []
+    assert codes(3, 1) == ["mirrored-views"] and codes(2, 1) == []
     most = int(12 * views.MINORITY)
     assert codes(12, most) == ["mirrored-views"] and codes(12, most + 1) == []
 

@@ -30,9 +30,8 @@ PARAMETERS_PER_VIEW = 3
 #: section 3.1). With opencv4, .2 px and random tilts, one focal length in ten is off by 9 % and more with two views, by
 #: .9 % with three, by .8 % with four and by .4 % with six (20 runs each).
 LEAST_BENT = 4
-#: least number of views: of two, either may be the mirrored one
-LEAST_FOR_MAJORITY = 3
-#: share of views from behind above which the target is assumed to be visible from both sides
+#: share of views from behind above which the target is assumed to be visible from both sides; of two views, either may
+#: be the mirrored one
 MINORITY = 1 / 3
 
 #: A plane is that of x and y if the cosine of its normal to z is above this: a bent board's plane is off by .001.
@@ -179,8 +178,6 @@ def mirrored(facts: Facts) -> Iterator[CalibrationWarning]:
             "no correction is needed.",
             "wrong" if "kind" in (data.target or {}) else "doubtful",
         )
-        return
-    if len(facts.views) < LEAST_FOR_MAJORITY:
         return
     minority = np.flatnonzero(sides(facts.shapes, facts.solution.poses))
     if not len(minority) or len(minority) > MINORITY * len(facts.views):
