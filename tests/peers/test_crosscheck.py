@@ -226,7 +226,7 @@ def test_cv2s_refusal_is_no_failure():
     solution = solved("pinhole", views=1, xyz=rig(), shift=0.3)
     outside = replace(solution, start=replace(solution.start, params=solution.start.params * [1, 1, -1, 1]))
     (made,) = refinement.against_cv2(outside)
-    assert made["status"] == "not_applicable" and "refuses" in made["why"]
+    assert made["status"] == "not_applicable" and "rejects" in made["why"]
 
 
 def test_exact_data_are_no_trouble():

@@ -64,7 +64,7 @@ def test_three_poses_are_needed(count, enough):
     if enough:
         assert len(estimate("in-hand", h.pictures, h.robot).used) == 3
         return
-    with pytest.raises(DataError, match="2 poses with a view; a hand-eye calibration needs 3"):
+    with pytest.raises(DataError, match="2 poses have a view; a hand-eye calibration needs 3"):
         estimate("in-hand", h.pictures, h.robot)
 
 
