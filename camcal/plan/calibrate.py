@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from typing import Any
@@ -27,7 +27,7 @@ from camcal.plan.camera import run_closed_form, starts_from_nothing
 from camcal.plan.held import held_at_start
 from camcal.plan.known_camera import fully_known, placed
 from camcal.plan.lens import solved_with_found_all
-from camcal.plan.options import Options
+from camcal.plan.options import OnEvent, Options
 from camcal.plan.progress import Progress, advance, follow_all
 from camcal.plan.run import begun, plan, usable
 from camcal.plan.solution import Solution, of_fit
@@ -35,9 +35,6 @@ from camcal.solve import outliers, ransac
 from camcal.solve.calibration import Calibration, Stage
 from camcal.solve.parameters import check_held
 from camcal.solve.refine import How, residuals
-
-#: called with (what happens, details) as the work goes on
-OnEvent = Callable[[str, Mapping[str, Any]], None]
 
 #: cameras that are computed together: numpy's calls then cost little each, and the equations of as many (20 views, nine
 #: parameters) take 4 MB

@@ -7,7 +7,8 @@ from collections.abc import Iterable
 from typing import Any
 
 from camcal.detect.images import detect_images
-from camcal.plan.calibrate import OnEvent, calibrate
+from camcal.plan.calibrate import calibrate
+from camcal.plan.options import OnEvent
 from camcal.plan.solution import Solution
 from camcal.settings.detection import DetectionOptions
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import field, fields, replace
 from typing import Any, Self
 
@@ -11,6 +11,9 @@ from camcal.records import dataclass
 from camcal.settings.calibration import CalibrationOptions
 from camcal.solve.optimizers.base import Options as Stopping
 from camcal.solve.refine import How
+
+#: called with (what happens, details) as the work goes on
+OnEvent = Callable[[str, Mapping[str, Any]], None]
 
 
 @dataclass(frozen=True)

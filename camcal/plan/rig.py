@@ -7,7 +7,7 @@ attempts as that of one camera, with the same least squares, outlier test, board
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
 
@@ -22,7 +22,7 @@ from camcal.model.rig import Rig
 from camcal.plan.better import Candidate
 from camcal.plan.boards import SHAPES, as_designed, with_shape
 from camcal.plan.held import held_at_start
-from camcal.plan.options import Options
+from camcal.plan.options import OnEvent, Options
 from camcal.plan.outlying import LOSS, LOSS_ROUNDS
 from camcal.plan.progress import Attempt, Change, Progress, advance, follow
 from camcal.plan.rig_boards import Layout, arranged
@@ -36,9 +36,6 @@ from camcal.solve.refine import How, board_kind, refine, residuals
 from camcal.solve.rig_lags import lags
 from camcal.solve.rig_start import Links, corners_of, links, placed, spanning_tree
 from camcal.solve.turns import symmetries
-
-#: called with (what happens, details) as the work goes on
-OnEvent = Callable[[str, Mapping[str, Any]], None]
 
 
 def calibrate_rig(

@@ -7,7 +7,7 @@ and a model that contains another also begins from that one's optimum: it never 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field
 from typing import Any
 
@@ -22,7 +22,7 @@ from camcal.model import lenses
 from camcal.model.lenses.base import Lens
 from camcal.model.lenses.containment import embed
 from camcal.plan.better import lowest
-from camcal.plan.options import Options
+from camcal.plan.options import OnEvent, Options
 from camcal.plan.run import solved
 from camcal.records import dataclass
 from camcal.solve import starts
@@ -43,9 +43,6 @@ OUT = ("fold-in-image", "points-outside-model", "undetermined-parameters", "weak
 WORTH = 0.01
 #: a cost up to so many times another is as low but for rounding
 AS_LOW = 1 + 1e-9
-
-#: called with (what happens, details) as the work goes on
-OnEvent = Callable[[str, Mapping[str, Any]], None]
 
 
 @dataclass(frozen=True)
