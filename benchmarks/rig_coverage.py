@@ -42,7 +42,7 @@ from rig import NOISE, SIZE, simulated
 import camcal
 from camcal.assess.covariance import covariance
 from camcal.assess.rig import baseline_sigma, relative_sigmas
-from camcal.data.boards import entry, labels
+from camcal.data.boards import labels
 from camcal.data.observations import Observations
 from camcal.errors import CamcalError
 from camcal.geometry import rotations
@@ -251,7 +251,7 @@ def placed_truth(data: Observations) -> Observations:
     poses = [first @ p for p in target.pop("places")]
     for k, pose in enumerate(poses):
         xyz[which == k] = pose.apply(xyz[which == k])
-    target |= {"board_groups": [0] * len(poses), "board_poses": [entry(p) for p in poses]}
+    target |= {"board_groups": [0] * len(poses), "board_poses": [p.entry() for p in poses]}
     return replace(data, xyz=xyz, target=target)
 
 

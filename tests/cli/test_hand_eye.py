@@ -324,7 +324,7 @@ def test_pictures_of_visps_franka(run, tmp_path):
         "--square", "23.6mm", "--poses", "poses.csv", "--poses-unit", "m", "--format", "json",
     )  # fmt: skip
     # a finding: squares of 27 mm, not 23.6, agree with the robot, and leave 0.8 mm of its 4.5 mm
-    assert code == 1 and "27 mm would agree" in " ".join(err.split())
+    assert code == 1 and "27 mm would make them agree" in " ".join(err.split())
     h = json.loads(out)["hand_eye"]
     x = h["hand_from_camera"]
     published = Pose.from_vector(np.radians([0.102, 0.526, 90.629]), np.array([57.72, -33.92, -42.28]))

@@ -70,7 +70,7 @@ def test_what_was_written_and_reads_back(monkeypatch, name):
         if good:
             assert files._read_back(form, cameras, SimpleNamespace(suffix=".x"), content) is found
         else:
-            with pytest.raises(RuntimeError, match="reads back"):
+            with pytest.raises(RuntimeError, match="when it is read back"):
                 files._read_back(form, cameras, SimpleNamespace(suffix=".x"), content)
 
 

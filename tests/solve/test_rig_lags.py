@@ -14,7 +14,7 @@ from tests.solve.test_rig_start import exact
 
 
 def found(pictures, data):
-    turns, corners = symmetries(data), corners_of(data)
+    turns, corners = symmetries(data), corners_of(data.xyz)
     known = links(pictures, turns, corners, len(data.cameras))
     return lags(pictures, known, spanning_tree(known, data.cameras)[1], turns, corners)
 
