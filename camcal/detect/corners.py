@@ -80,22 +80,6 @@ class Corners:
         """Half the difference (K,) between bright and dark, grey levels."""
         return np.abs(self.params[:, model.CONTRAST])
 
-    def updated(self, new: Corners) -> Corners:
-        """Replace corners by the good ones from another fit of the same corners."""
-        good = new.good
-
-        def either(theirs: Array, own: Array) -> Array:
-            return np.where(good.reshape(-1, *[1] * (own.ndim - 1)), theirs, own)
-
-        reasons = np.where(good, "", np.array(self.reasons, object))
-        return Corners(
-            either(new.uv, self.uv),
-            either(new.covariance, self.covariance),
-            either(new.params, self.params),
-            either(new.noise, self.noise),
-            tuple(map(str, reasons)),
-        )
-
     def take(self, rows: Array) -> Corners:
         """Select some of the corners (a mask or indices)."""
         reasons = tuple(np.array(self.reasons, object)[rows])

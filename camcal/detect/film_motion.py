@@ -17,8 +17,6 @@ from camcal.detect.sources import split
 from camcal.detect.targets.base import Detection
 from camcal.geometry.plane_flow import fit_flow
 
-Array = np.ndarray
-
 #: frames for whose motion further frames are searched; if their neighbours were searched anyway, motion costs nothing
 MOST_FRAMES = 40
 
