@@ -7,17 +7,10 @@ import sys
 
 def main() -> None:
     """Run the command line and leave with its exit code."""
-    from camcal.system.processes import (
-        collect_seldom,
-        end_on_signals,
-        keep_freed_memory,
-        leave,
-        limit_linear_algebra,
-    )
+    from camcal.system.processes import collect_seldom, end_on_signals, leave, limit_linear_algebra
     from camcal.system.streams import hold_standard_descriptors
 
     collect_seldom()
-    keep_freed_memory()
     hold_standard_descriptors()
     end_on_signals()
     limit_linear_algebra()

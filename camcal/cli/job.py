@@ -18,6 +18,7 @@ from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.detection import DetectionOptions
 from camcal.settings.kinds import is_report
 from camcal.settings.option import Settings
+from camcal.system.processes import keep_freed_memory
 from camcal.system.text import counted, listed
 
 if TYPE_CHECKING:
@@ -123,6 +124,7 @@ def read_pictures(
     """
     from camcal.detect.images import detect_images
 
+    keep_freed_memory()
     with progress("reading pictures") as show:
         listen = detection_events(show, on_picture, calibrated)
         return detect_images(paths, **search_options(options), on_event=listen)

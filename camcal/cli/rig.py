@@ -97,7 +97,9 @@ def _detected(folders: Mapping[str, list[str]], options: dict[str, Any]) -> RigV
     from camcal.cli.job import detection_events, search_options
     from camcal.cli.output import progress
     from camcal.detect.rig_images import detect_rig
+    from camcal.system.processes import keep_freed_memory
 
+    keep_freed_memory()
     with progress("reading pictures") as show:
         return detect_rig(folders, on_event=detection_events(show), **search_options(options))
 

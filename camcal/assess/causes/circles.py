@@ -76,9 +76,8 @@ def circles(solution: Calibration, design: Design | None = None) -> Circles | No
     products, squares = design.along(offsets)
     f = design.transform.shape[1]
     by_pose = products[:, f : f + 6]
-    followed = np.einsum(
-        "vij,vj->vi", design.poses.inverse, by_pose
-    )  # what the poses take of the displacements
+    # what the poses take of the displacements
+    followed = np.einsum("vij,vj->vi", design.poses.inverse, by_pose)
     pull = (products[:, :f] - np.einsum("vif,vi->vf", design.poses.gain, by_pose)).sum(0)
     along = float(products[:, -1].sum())
     square = float(squares.sum() - (by_pose * followed).sum() - pull @ design.inverse @ pull)
